@@ -1,0 +1,1 @@
+"""The measurement models as GTSAM factors; imports numpy and gtsam, never uwgraph."""
