@@ -117,6 +117,10 @@ class SunRig(Sensor):
     """The sun sensor; its observations are already in the body frame, so only its clock is here."""
 
 
+class ReferenceRig(MountedSensor):
+    """The point of the vehicle that the reference is of, and the reference's clock; used only to judge a solution."""
+
+
 class Rig(Settings):
     """All sensors of a vehicle."""
 
@@ -126,3 +130,4 @@ class Rig(Settings):
     fixes: FixesRig = FixesRig()
     heading: HeadingRig = HeadingRig()
     sun: SunRig = SunRig()
+    reference: ReferenceRig = ReferenceRig()
