@@ -1,0 +1,185 @@
+"""Errors of a solution against a reference, and whether its covariance tells the truth about them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from uwgraph.evaluate.align import Alignment, align
+from uwgraph.evaluate.people import People, people, sigmas
+from uwgraph.evaluate.reference import ReferenceAt, known_rows, reference_at
+from uwgraph.frames import R_n_local, matrix_from_rph, wrap_pi
+from uwgraph.types import BoolArray, FloatArray, Reference, Solution
+
+Metrics = Mapping[str, Any]
+"""What ``metrics.json`` holds: plain numbers, None where something is not known."""
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Estimate minus reference at every keyframe; NaN where the reference does not reach."""
+
+    solution: Solution
+    """After the alignment."""
+    estimate: People
+    truth: ReferenceAt
+    alignment: Alignment
+    matched: BoolArray
+    """Keyframes at which the reference knows the horizontal position or the heading, shape (K,)."""
+    e_n: FloatArray
+    """Position error in n, shape (K, 3), m."""
+    e_depth: FloatArray
+    """Depth error along the local vertical, shape (K,), m."""
+    e_rph: FloatArray
+    """Roll, pitch and heading error, shape (K, 3), rad."""
+
+
+def compare(solution: Solution, reference: Reference, alignment: Alignment = "none") -> Comparison:
+    """Match the reference to the keyframes by interpolation, align, and subtract."""
+    truth = reference_at(reference, solution.origin, solution.t_ns)
+    solution = align(solution, truth, alignment)
+    estimate = people(solution)
+    return Comparison(
+        solution=solution,
+        estimate=estimate,
+        truth=truth,
+        alignment=alignment,
+        matched=truth.has_position | np.isfinite(truth.rph[:, 2]),
+        e_n=solution.p_n - truth.p_n,
+        e_depth=estimate.depth - truth.depth,
+        e_rph=wrap_pi(estimate.rph - truth.rph),
+    )
+
+
+def metrics(solution: Solution, reference: Reference | None = None, alignment: Alignment = "none") -> dict[str, Any]:
+    """Everything that ``metrics.json`` holds.
+
+    Errors are estimate minus reference at the matched keyframes, horizontal ones in n, depth along the local vertical,
+    heading against local true north. NEES are divided by their degrees of freedom and averaged over the keyframes, so
+    that 1 is expected; ``nees_*_95`` is the 95 % interval of one run taken as one independent draw, since the errors
+    along a dive are strongly correlated. An alignment uses up the reference, so NEES are then not given.
+    """
+    report: dict[str, Any] = {"keyframes": len(solution), "duration_s": _duration(solution)}
+    report |= {"runtime_s": solution.info.get("runtime_s"), "sigma": sigma_summary(people(solution))}
+    if reference is not None and len(reference):
+        report |= error_metrics(compare(solution, reference, alignment))
+    return report
+
+
+def error_metrics(comparison: Comparison) -> dict[str, Any]:
+    """The part of :func:`metrics` that needs a reference."""
+    c = comparison
+    horizontal = np.hypot(c.e_n[:, 0], c.e_n[:, 1])
+    seen = horizontal[np.isfinite(horizontal)]
+    distance = path_length(c.truth.p_n[c.truth.has_position])
+    final = float(seen[-1]) if len(seen) else None
+    roll, pitch, heading = np.degrees(c.e_rph).T
+    return {
+        "alignment": c.alignment,
+        "matched": int(c.matched.sum()),
+        "total": len(c.matched),
+        "distance_m": distance,
+        "horizontal_rmse_m": rms(horizontal),
+        "horizontal_max_m": float(seen.max()) if len(seen) else None,
+        "final_error_m": final,
+        "final_error_percent": 100.0 * final / distance if final is not None and distance > 0.0 else None,
+        "depth_rmse_m": rms(c.e_depth),
+        "roll_rmse_deg": rms(roll),
+        "pitch_rmse_deg": rms(pitch),
+        "heading_rmse_deg": rms(heading),
+        **(nees_metrics(c) if c.alignment == "none" else {}),
+    }
+
+
+def nees_metrics(comparison: Comparison) -> dict[str, Any]:
+    """Average NEES of position (3), heading (1) and attitude (3), each over its degrees of freedom."""
+    c = comparison
+    heading = nees(c.e_rph[:, 2:], c.estimate.cov_rph[:, 2:, 2:])
+    return {
+        "nees_position": mean(nees(c.e_n, c.estimate.cov_p_n)),
+        "nees_heading": mean(heading),
+        "nees_attitude": mean(nees(attitude_error_b(c), c.solution.cov_pose[:, :3, :3])),
+        "nees_position_95": list(nees_bounds(3)),
+        "nees_heading_95": list(nees_bounds(1)),
+        "nees_attitude_95": list(nees_bounds(3)),
+    }
+
+
+def attitude_error_b(comparison: Comparison) -> FloatArray:
+    """Rotation vector from the estimate to the reference in the body frame, shape (K, 3), rad: GTSAM's tangent."""
+    estimate, truth = comparison.estimate, comparison.truth
+    out = np.full(truth.rph.shape, np.nan)
+    k = known_rows(truth.rph)
+    if k.any():
+        R_n_l = R_n_local(comparison.solution.origin, estimate.lat[k], estimate.lon[k])
+        R_nb_true = R_n_l @ matrix_from_rph(truth.rph[k])
+        out[k] = Rotation.from_matrix(np.swapaxes(comparison.solution.R_nb[k], -1, -2) @ R_nb_true).as_rotvec()
+    return out
+
+
+def nees(error: FloatArray, cov: FloatArray) -> FloatArray:
+    """Normalised estimation error squared over its degrees of freedom, shape (K,).
+
+    NaN where either is not known or the covariance is not positive definite.
+    """
+    out = np.full(len(error), np.nan)
+    k = known_rows(error) & known_rows(cov.reshape(len(cov), -1))
+    k[k] = np.linalg.eigvalsh(cov[k])[:, 0] > 0.0
+    if k.any():
+        weighted = np.linalg.solve(cov[k], error[k][..., None])[..., 0]
+        out[k] = np.sum(error[k] * weighted, axis=1) / error.shape[1]
+    return out
+
+
+def nees_bounds(dof: int, runs: int = 1, confidence: float = 0.95) -> tuple[float, float]:
+    """Two-sided chi-square interval of the NEES (over ``dof``) averaged over independent runs.
+
+    Bar-Shalom, Li & Kirubarajan 2001, section 5.4: the sum over the runs is chi-square with ``dof * runs`` degrees.
+    """
+    n = dof * runs
+    low, high = chi2.ppf([(1.0 - confidence) / 2.0, (1.0 + confidence) / 2.0], n) / n
+    return float(low), float(high)
+
+
+def sigma_summary(estimate: People) -> dict[str, Any]:
+    """Median and final 1-sigma along north, east and down [m] and of roll, pitch and heading [deg]."""
+    columns = np.hstack([sigmas(estimate.cov_p_n), np.degrees(sigmas(estimate.cov_rph))])
+    names = ("north_m", "east_m", "down_m", "roll_deg", "pitch_deg", "heading_deg")
+    if not np.isfinite(columns).any():
+        return {}
+    return {
+        name: {"median": float(np.nanmedian(column)), "final": number(column[-1])}
+        for name, column in zip(names, columns.T, strict=True)
+    }
+
+
+def path_length(p_n: FloatArray) -> float:
+    """Length of the way through the points, in the plane if a height is missing, m."""
+    steps = np.diff(p_n[:, np.isfinite(p_n).all(axis=0)], axis=0)
+    return float(np.linalg.norm(steps, axis=1).sum())
+
+
+def rms(error: FloatArray) -> float | None:
+    """Root mean square of what is known; None where nothing is."""
+    square = mean(error**2)
+    return None if square is None else float(np.sqrt(square))
+
+
+def mean(value: FloatArray) -> float | None:
+    """Mean of what is known; None where nothing is."""
+    known = value[np.isfinite(value)]
+    return float(known.mean()) if len(known) else None
+
+
+def number(value: float) -> float | None:
+    """JSON has no NaN."""
+    return float(value) if np.isfinite(value) else None
+
+
+def _duration(solution: Solution) -> float:
+    return float(solution.t_ns[-1] - solution.t_ns[0]) * 1e-9 if len(solution) else 0.0
