@@ -1,1 +1,47 @@
-"""The measurement models as GTSAM factors; imports numpy and gtsam, never uwgraph."""
+"""The measurement models as GTSAM factors; imports numpy and gtsam, never uwgraph.
+
+Poses are T_nb: body (FRD) to navigation (NED, Cartesian). Every measurement is a frozen dataclass with ``residual``,
+``jacobians``, ``noise``, ``reference`` (a Python factor) and ``lowered`` (the native factor that equals it).
+"""
+
+from factors.adapter import Measurement, custom_factor
+from factors.check import check_equivalence, check_jacobians
+from factors.depth import Depth, depth_from_pressure
+from factors.dvl import Displacements, DvlDisplacement, displacements
+from factors.heading import Heading
+from factors.inertial import (
+    ImuNoise,
+    InertialMotion,
+    imu_factor,
+    integration_steps,
+    preintegrate,
+    preintegration_params,
+    rotation_history,
+)
+from factors.place import RelativePose
+from factors.position import PositionFix
+from factors.sun import Direction, SunScatter
+
+__all__ = [
+    "Depth",
+    "Direction",
+    "Displacements",
+    "DvlDisplacement",
+    "Heading",
+    "ImuNoise",
+    "InertialMotion",
+    "Measurement",
+    "PositionFix",
+    "RelativePose",
+    "SunScatter",
+    "check_equivalence",
+    "check_jacobians",
+    "custom_factor",
+    "depth_from_pressure",
+    "displacements",
+    "imu_factor",
+    "integration_steps",
+    "preintegrate",
+    "preintegration_params",
+    "rotation_history",
+]
