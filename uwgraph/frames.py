@@ -25,15 +25,17 @@ WGS84: Final = boule.WGS84
 
 def ned_from_geodetic(origin: Origin, lat: ArrayLike, lon: ArrayLike, height: ArrayLike) -> FloatArray:
     """Position in n, shape (..., 3), of latitude and longitude [rad] and height [m]."""
+    shape = np.broadcast_shapes(np.shape(lat), np.shape(lon), np.shape(height))
     ned = pymap3d.geodetic2ned(lat, lon, height, origin.lat, origin.lon, 0.0, deg=False)
-    return np.stack(np.broadcast_arrays(*ned), axis=-1).astype(np.float64)
+    # pymap3d drops the axis of arrays of one element
+    return np.stack(np.broadcast_arrays(*ned), axis=-1).reshape(*shape, 3).astype(np.float64)
 
 
 def geodetic_from_ned(origin: Origin, p_n: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Latitude [rad], longitude [rad] and height [m] of positions in n, shape (..., 3)."""
     n, e, d = np.moveaxis(np.asarray(p_n, dtype=np.float64), -1, 0)
     lat, lon, height = pymap3d.ned2geodetic(n, e, d, origin.lat, origin.lon, 0.0, deg=False)
-    return np.asarray(lat), np.asarray(lon), np.asarray(height)
+    return np.reshape(lat, n.shape), np.reshape(lon, n.shape), np.reshape(height, n.shape)
 
 
 def _ecef_from_ned(lat: ArrayLike, lon: ArrayLike) -> FloatArray:
