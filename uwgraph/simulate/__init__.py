@@ -1,5 +1,6 @@
 """Simulated dives, and simulated sensors on real ones."""
 
+from uwgraph.simulate.degrade import add_depth, add_dvl, add_fixes, add_sun, add_sun_heading, degrade_imu
 from uwgraph.simulate.dive import SimulationSettings, simulate, trajectory_of, truth
 from uwgraph.simulate.imu import GRADES, ImuGrade
 from uwgraph.simulate.sensors import DepthModel, DvlModel, GnssModel, HeadingModel, SunModel
@@ -13,6 +14,12 @@ __all__ = [
     "ImuGrade",
     "SimulationSettings",
     "SunModel",
+    "add_depth",
+    "add_dvl",
+    "add_fixes",
+    "add_sun",
+    "add_sun_heading",
+    "degrade_imu",
     "simulate",
     "trajectory_of",
     "truth",

@@ -81,7 +81,7 @@ def simulate(settings: SimulationSettings | None = None, seed: int = 0) -> Dive:
         imu=with_errors(ideal, errors, grade),
         dvl=dvl,
         depth=None if settings.depth_sensor is None else measure_depth(motion, settings.depth_sensor, noise("depth")),
-        fixes=None if settings.gnss is None else measure_fixes(motion, settings.gnss, noise("gnss")),
+        fixes=None if settings.gnss is None else measure_fixes(motion, settings.gnss, noise("gnss")) or None,
         heading=None if settings.compass is None else measure_heading(motion, settings.compass, noise("compass")),
         sun=None if settings.sun is None else measure_sun(motion, settings.sun, noise("sun")),
         reference=truth(motion, settings.truth_rate_hz),

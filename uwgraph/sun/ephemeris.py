@@ -31,7 +31,7 @@ def sun_azimuth_elevation(t_ns: ArrayLike, lat: ArrayLike, lon: ArrayLike) -> tu
         Geodetic latitude and longitude, rad.
     """
     t, lat, lon = np.broadcast_arrays(np.atleast_1d(np.asarray(t_ns, dtype=np.int64)), lat, lon)
-    _, _, _, apparent_elevation, azimuth, _ = spa.solar_position_numpy(
+    _, _, apparent_elevation, _, azimuth, _ = spa.solar_position_numpy(
         t.astype(np.float64) * 1e-9,
         np.degrees(lat),
         np.degrees(lon),
