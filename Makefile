@@ -1,0 +1,49 @@
+# `make demo` and `make test` set up everything they need on a fresh machine; once that is there they start at once.
+
+VENV   := .venv
+BIN    := $(VENV)/bin
+PYTHON := $(firstword $(shell for p in python3.14 python3.13 python3.12 python3.11 python3 python; do \
+            $$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p; done))
+READY  := $(VENV)/.ready
+
+.PHONY: demo test lint bench setup libusb clean
+
+demo: setup
+	$(BIN)/uwgraph demo -o demo-output
+
+test: lint
+	$(BIN)/pytest
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+# Every script of benchmarks/ that needs no recording; the others take the data folder as an argument.
+bench: setup
+	@for script in benchmarks/[a-z]*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
+
+setup: $(READY)
+
+$(READY): pyproject.toml
+	@test -n "$(PYTHON)" || { echo "uwgraph needs Python 3.11 or newer, and there is none on PATH" >&2; exit 1; }
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	@$(MAKE) --no-print-directory libusb
+	@touch $@
+
+# open3d loads the system's libusb-1.0 when it is imported, and its wheel does not bring it.
+HAS_LIBUSB := $(BIN)/python -c 'import ctypes.util, sys; sys.exit(not ctypes.util.find_library("usb-1.0"))'
+
+libusb:
+	@if $(HAS_LIBUSB); then :; \
+	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+	    apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq libusb-1.0-0 >/dev/null; \
+	else \
+	    echo "note: maps need the system library libusb-1.0 (Debian, Ubuntu: apt install libusb-1.0-0;" >&2; \
+	    echo "      Fedora: dnf install libusb1; macOS: brew install libusb); all else works without it" >&2; \
+	fi
+
+clean:
+	rm -rf $(VENV) demo-output build dist

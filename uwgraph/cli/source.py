@@ -1,0 +1,30 @@
+"""The dive that a command line names: one of our folders, or any recording that a reader knows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from uwgraph.cli.console import note
+
+if TYPE_CHECKING:
+    from uwgraph.dive import Dive
+
+
+def load_dive(path: Path, *, validate: bool = True) -> Dive:
+    """Read the dive, and say what was guessed where it is not one of our folders.
+
+    ``validate=False`` reads a bad dive as well, so that it can be looked at.
+    """
+    from uwgraph.dive.folder import HEADER, read_dive
+    from uwgraph.dive.readers import guess_reader
+    from uwgraph.dive.validate import validate_dive
+
+    if (path / HEADER).exists():
+        return read_dive(path, validate=validate)
+    reader, reason = guess_reader(path)
+    note(f"{path}: read as {reader.NAME}: {reason}")
+    dive = reader.read(path)
+    if validate:
+        validate_dive(dive, str(path))
+    return dive
