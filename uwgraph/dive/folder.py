@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from uwgraph.atomic import atomic_folder
 from uwgraph.dive.layout import stream_columns, stream_from_table, table_from_stream
@@ -47,6 +47,14 @@ class Header(Settings):
     rig: Rig = Rig()
     streams: tuple[StreamName, ...]
     provenance: Annotated[dict[str, Any], Field(default_factory=dict)]
+
+    @field_validator("streams")
+    @classmethod
+    def _once(cls, streams: tuple[str, ...]) -> tuple[str, ...]:
+        for name in streams:
+            if streams.count(name) > 1:
+                raise ValueError(f"{name!r} is listed twice")
+        return streams
 
 
 def read_dive(path: str | Path, *, validate: bool = True) -> Dive:

@@ -227,7 +227,7 @@ def _dvl(dvl: Dvl, where: str) -> None:
             where=f"{where}: v_x, v_y, v_z",
             remedy="looks like cm/s or mm/s: divide by 100 or 1000",
         )
-    _covariances(dvl.cov_s, f"{where}: cov_xx", infinite=False)
+    _covariances(dvl.cov_s, f"{where}: cov_xx")
 
 
 def _depth(depth: Depth, where: str) -> None:
@@ -249,7 +249,7 @@ def _depth(depth: Depth, where: str) -> None:
 
 def _fixes(fixes: Fixes, where: str) -> None:
     _place(fixes.lat, fixes.lon, where)
-    _covariances(fixes.cov_n, f"{where}: cov_nn", infinite=True)
+    _covariances(fixes.cov_n, f"{where}: cov_nn")
 
 
 def _heading(heading: Heading, where: str) -> None:
@@ -264,7 +264,8 @@ def _sun(sun: Sun, where: str) -> None:
         f"{where}: s_x, s_y, s_z",
         "divide by its length",
     )
-    _covariances(sun.information_b, f"{where}: info_xx", infinite=False)
+    _covariances(sun.information_b, f"{where}: info_xx")
+    _covariances(sun.cov_b, f"{where}: cov_xx")
 
 
 def _reference(reference: Reference, where: str) -> None:
@@ -292,18 +293,16 @@ def _sigmas(sigma: FloatArray, where: str) -> None:
     _refuse(sigma <= 0, "is not positive", where, "give the 1-sigma, or leave it empty (NaN) if unknown")
 
 
-def _covariances(cov: FloatArray, where: str, *, infinite: bool) -> None:
-    variances = np.diagonal(cov, axis1=1, axis2=2)
-    _refuse((variances < 0).any(axis=1), "has a negative variance", where, "give variances, not standard deviations")
+def _covariances(cov: FloatArray, where: str) -> None:
+    """Positive semidefinite, wholly known or wholly NaN; infinite variances may stand on the diagonal."""
+    unknown = np.isnan(cov)
+    partly = unknown.any(axis=(1, 2)) & ~unknown.all(axis=(1, 2))
+    _refuse(partly, "is known in part", where, "give all six elements, or none")
+    bad: BoolArray = np.any(np.diagonal(cov, axis1=1, axis2=2) < 0, axis=1)
     known = np.isfinite(cov).all(axis=(1, 2))
-    if infinite:
-        finite_axes = np.where(np.isinf(cov), 0.0, cov)
-        partly = np.isnan(finite_axes).any(axis=(1, 2)) & ~np.isnan(finite_axes).all(axis=(1, 2))
-        _refuse(partly, "is known in part", where, "give all six elements; infinite where nothing is measured")
     eigenvalues = np.linalg.eigvalsh(cov[known])
-    bad = np.zeros(len(cov), dtype=np.bool_)
-    bad[known] = eigenvalues[:, 0] < -1e-9 * np.maximum(eigenvalues[:, -1], 1e-300)
-    _refuse(bad, "is no covariance (an eigenvalue is negative)", where, "check the off-diagonal elements")
+    bad[known] = eigenvalues[:, 0] < -1e-9 * np.abs(eigenvalues[:, -1])
+    _refuse(bad, "is no covariance: it has a negative variance or eigenvalue", where, "check units and off-diagonals")
 
 
 def _near_origin(stream: Fixes | Reference, origin: Origin, where: str) -> None:
