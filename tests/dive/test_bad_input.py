@@ -345,7 +345,7 @@ def test_magnetic_or_true_must_be_said(folder: Path) -> None:
 # --- anything else
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_damaged_files_are_refused_or_read_never_crash(
     pristine: Path, tmp_path_factory: pytest.TempPathFactory, data: st.DataObject

@@ -50,7 +50,7 @@ def refused(folder: Path, *words: str) -> None:
         ("lat_deg", "lat", ("origin.lat",)),
         ("depth, heading", "depth, sonar", ("streams.1", "'sonar'")),
         ("depth, heading", "depth, images/../../etc", ("streams.1",)),
-        ("depth, heading", "depth, imu", ("'depth' is listed twice",)),
+        ("depth, heading", "depth, depth", ("'depth' is listed twice",)),
         ("origin:", "origin: [", ("line ",)),
         ("origin:", "origin: {}\norigin:", ("'origin' appears twice",)),
         ("origin:", "origin: *ref #", ("aliases",)),
