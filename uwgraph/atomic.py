@@ -76,7 +76,7 @@ def _swap(partial: Path, target: Path, previous: Path) -> None:
         os.rename(target, previous)
     try:
         os.rename(partial, target)
-    except OSError:
+    except BaseException:
         if previous.exists():
             os.rename(previous, target)
         raise
