@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -31,17 +31,15 @@ def simulate(
     force: Annotated[bool, typer.Option("--force", help="Replace a dive folder that is already there.")] = False,
 ) -> None:
     """Make a dive: a truth on the ellipsoid, and what the vehicle's sensors would have logged."""
+    from uwgraph.cli.options import settings_from
     from uwgraph.dive.folder import write_dive
-    from uwgraph.dive.yamlfile import parse_settings, read_yaml
     from uwgraph.simulate import SimulationSettings
     from uwgraph.simulate import simulate as simulate_dive
 
-    values: dict[str, Any] = dict(read_yaml(settings) or {}) if settings else {}
     asked = {"pattern": pattern, "duration_s": duration_s, "depth": depth, "speed": speed, "grade": grade}
-    values |= {name: value for name, value in asked.items() if value is not None}
+    wanted = settings_from(SimulationSettings, settings, asked)
     if no_sun:
-        values["sun"] = None
-    wanted = parse_settings(SimulationSettings, values, str(settings or "command line"))
+        wanted = wanted.model_copy(update={"sun": None})
     with progress_bar() as progress:
         progress("simulating", 0.1)
         dive = simulate_dive(wanted, seed)

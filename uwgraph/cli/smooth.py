@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -49,12 +49,11 @@ def smooth(
 ) -> None:
     """Smooth a dive: trajectory, states with 1-sigma, metrics against the reference where there is one."""
     from uwgraph.cli.job import smooth_and_write
+    from uwgraph.cli.options import settings_from
     from uwgraph.cli.source import load_dive
-    from uwgraph.dive.yamlfile import parse_settings, read_yaml
     from uwgraph.evaluate.output import refuse_taken
     from uwgraph.graph import SmoothSettings
 
-    values: dict[str, Any] = dict(read_yaml(settings) or {}) if settings else {}
     asked = {
         "heading_deg": heading_deg,
         "initial": initial,
@@ -62,8 +61,7 @@ def smooth(
         "time_limit_s": time_limit_s,
         "covariances": False if no_covariances else None,
     }
-    values |= {name: value for name, value in asked.items() if value is not None}
-    wanted = parse_settings(SmoothSettings, values, str(settings or "command line"))
+    wanted = settings_from(SmoothSettings, settings, asked)
     refuse_taken(out, overwrite=force)
     loaded = load_dive(dive)
     with progress_bar() as progress:

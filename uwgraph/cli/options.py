@@ -1,0 +1,30 @@
+"""Settings from a YAML file and from options, the options winning."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+Model = TypeVar("Model", bound="BaseModel")
+
+
+def settings_from(model: type[Model], file: Path | None, asked: Mapping[str, Any]) -> Model:
+    """The settings; an option that was not given (None) leaves the file's value, or the default, alone.
+
+    Raises
+    ------
+    ConfigError
+        Naming the file or the command line, the key, and what would do.
+    """
+    from uwgraph.dive.yamlfile import parse_settings, read_yaml
+
+    given = {name: value for name, value in asked.items() if value is not None}
+    if file is None:
+        return parse_settings(model, given, "command line")
+    values = read_yaml(file)
+    stated = parse_settings(model, values, str(file)).model_dump(exclude_unset=True)
+    return parse_settings(model, stated | given, "command line")
