@@ -11,7 +11,7 @@ import numpy as np
 
 from uwgraph.dive.folder import TableFormat, write_dive
 from uwgraph.dive.model import Dive
-from uwgraph.dive.readers import guess_reader, native, reader_named
+from uwgraph.dive.readers import Reader, guess_reader, native, reader_named
 from uwgraph.dive.timing import align_clocks
 from uwgraph.dive.validate import validate_dive
 from uwgraph.time import isoformat
@@ -72,11 +72,7 @@ def import_dive(
         When the recording cannot be recognised or used; nothing is written then.
     """
     source = Path(src)
-    reader, reason = (reader_named(format), "as asked") if format else guess_reader(source)
-    dive = reader.read(source)
-    validate_dive(dive, str(source))
-    if reader.CLOCKS_DIFFER:
-        dive = _aligned(dive)
+    dive, reader, reason = read_recording(source, format)
     images_from = source if reader is native else None
     write_dive(dive, dest, table_format=table_format, images_from=images_from, overwrite=overwrite)
     return ImportReport(
@@ -88,6 +84,20 @@ def import_dive(
         conversions=_notes(dive.provenance, "conversions"),
         caveats=_notes(dive.provenance, "caveats"),
     )
+
+
+def read_recording(src: Path, format: str | None = None) -> tuple[Dive, Reader, str]:  # noqa: A002
+    """A recording in any known format as a valid dive on one clock; its reader, and why that one.
+
+    Raises
+    ------
+    DataError, ConfigError
+        When the recording cannot be recognised or used.
+    """
+    reader, reason = (reader_named(format), "as asked") if format else guess_reader(src)
+    dive = reader.read(src)
+    validate_dive(dive, str(src))
+    return _aligned(dive) if reader.CLOCKS_DIFFER else dive, reader, reason
 
 
 def _aligned(dive: Dive) -> Dive:
