@@ -14,17 +14,13 @@ if TYPE_CHECKING:
 def load_dive(path: Path, *, validate: bool = True) -> Dive:
     """Read the dive, and say what was guessed where it is not one of our folders.
 
-    ``validate=False`` reads a bad dive as well, so that it can be looked at.
+    ``validate=False`` reads a bad dive folder as well, so that it can be looked at.
     """
     from uwgraph.dive.folder import HEADER, read_dive
-    from uwgraph.dive.readers import guess_reader
-    from uwgraph.dive.validate import validate_dive
+    from uwgraph.dive.importing import read_recording
 
     if (path / HEADER).exists():
         return read_dive(path, validate=validate)
-    reader, reason = guess_reader(path)
+    dive, reader, reason = read_recording(path)
     note(f"{path}: read as {reader.NAME}: {reason}")
-    dive = reader.read(path)
-    if validate:
-        validate_dive(dive, str(path))
     return dive
