@@ -8,6 +8,7 @@ from factors.adapter import Measurement, custom_factor
 from factors.check import check_equivalence, check_jacobians
 from factors.depth import Depth, depth_from_pressure
 from factors.dvl import Displacements, DvlDisplacement, displacements
+from factors.dvl_calibration import CALIBRATION_DIM, CalibratedDisplacement, CalibratedDisplacements
 from factors.heading import Heading
 from factors.inertial import (
     ImuNoise,
@@ -23,6 +24,9 @@ from factors.position import PositionFix
 from factors.sun import Direction, SunScatter
 
 __all__ = [
+    "CALIBRATION_DIM",
+    "CalibratedDisplacement",
+    "CalibratedDisplacements",
     "Depth",
     "Direction",
     "Displacements",

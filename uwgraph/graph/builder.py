@@ -1,0 +1,262 @@
+"""The graph of a dive: which factor on which keyframe. Reads as a table of contents."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import B, V, X
+from scipy.special import erf
+from scipy.stats import chi2
+
+import factors
+from factors.lie import skew
+from uwgraph.frames import R_n_local, geodetic_from_ned, gravity_n, rph_from_matrix
+from uwgraph.graph import moving
+from uwgraph.graph.initial import Initial
+from uwgraph.graph.prepare import Prepared
+from uwgraph.graph.settings import SmoothSettings
+from uwgraph.graph.track import Track
+from uwgraph.sun.ephemeris import sun_direction_n
+from uwgraph.types import FloatArray, TimeArray
+
+DVL_CALIBRATION = gtsam.symbol("c", 0)
+VELOCITY_SIGMA = 3.0
+"""m/s, prior of the first velocity: it only keeps a dive without DVL regular."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Native factors, the bulk factors that are linearised in NumPy, and the first guess."""
+
+    keyframes: TimeArray
+    graph: gtsam.NonlinearFactorGraph
+    bulk: Sequence[factors.CalibratedDisplacements]
+    values: gtsam.Values
+    counts: Mapping[str, int]
+    """Factors of each kind."""
+
+    def error(self, values: gtsam.Values) -> float:
+        return float(self.graph.error(values)) + sum(b.error(values) for b in self.bulk)
+
+    def linearize(self, values: gtsam.Values) -> gtsam.GaussianFactorGraph:
+        linear = self.graph.linearize(values)
+        for block in self.bulk:
+            for factor in block.linearize(values):
+                linear.push_back(factor)
+        return linear
+
+    def ordering(self, linear: gtsam.GaussianFactorGraph) -> gtsam.Ordering:
+        """COLAMD with the quantities of the whole dive last: everything is connected to them."""
+        if not self.values.exists(DVL_CALIBRATION):
+            return gtsam.Ordering.ColamdGaussianFactorGraph(linear)
+        return gtsam.Ordering.ColamdConstrainedLastGaussianFactorGraph(linear, [DVL_CALIBRATION])
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """What the Earth is like at each keyframe, along the reference track."""
+
+    p_n: FloatArray
+    """Shape (K, 3)."""
+    R_nb: FloatArray
+    """Shape (K, 3, 3)."""
+    R_local: FloatArray
+    """Axes of local north, east, down in n, shape (K, 3, 3)."""
+    lat: FloatArray
+    lon: FloatArray
+    depth: FloatArray
+    gravity_n: FloatArray
+
+
+def build(
+    prepared: Prepared, settings: SmoothSettings, initial: Initial, keyframes: TimeArray, track: Track
+) -> Problem:
+    """The graph of a prepared dive, with ``track`` as the first guess and the place of linearisation."""
+    place = _places(prepared, keyframes, track)
+    loss = Losses(settings)
+    graph = gtsam.NonlinearFactorGraph()
+    counts: dict[str, int] = {}
+
+    def add(kind: str, new: Sequence[gtsam.NonlinearFactor]) -> None:
+        for factor in new:
+            graph.push_back(factor)
+        if new:
+            counts[kind] = len(new)
+
+    add("prior", _priors(prepared, initial, track))
+    add("imu", _imu(prepared, keyframes, place))
+    native, bulk = _dvl(prepared, settings, keyframes, track, loss)
+    add("dvl", native)
+    add("depth", _depth(prepared, keyframes, track, place, loss))
+    add("fixes", _fixes(prepared, keyframes, track, loss))
+    add("heading", _heading(prepared, keyframes, track, place, loss))
+    add("sun", _sun(prepared, keyframes, track, place, loss))
+    values = _first_guess(keyframes, track, place)
+    for block in bulk:
+        counts["dvl"] = len(block)
+        values.insert(DVL_CALIBRATION, np.zeros(factors.CALIBRATION_DIM))
+        graph.push_back(_calibration_prior(prepared))
+    return Problem(keyframes, graph, bulk, values, counts)
+
+
+class Losses:
+    """The robust loss for a residual of m dimensions: it bends at the same quantile whatever m is."""
+
+    def __init__(self, settings: SmoothSettings) -> None:
+        self.kind = settings.loss
+        self.quantile = float(erf(settings.loss_width / np.sqrt(2.0)))
+
+    def width(self, m: int) -> float:
+        return np.inf if self.kind == "none" else float(np.sqrt(chi2.ppf(self.quantile, m)))
+
+    def __call__(self, m: int) -> gtsam.noiseModel.mEstimator.Base | None:
+        if self.kind == "none":
+            return None
+        estimator = gtsam.noiseModel.mEstimator
+        return (estimator.Huber if self.kind == "huber" else estimator.Cauchy).Create(self.width(m))
+
+
+def _places(prepared: Prepared, keyframes: TimeArray, track: Track) -> Place:
+    p = track.position_at(keyframes)
+    lat, lon, height = geodetic_from_ned(prepared.origin, p)
+    R_local = R_n_local(prepared.origin, lat, lon)
+    return Place(p, track.rotation_at(keyframes), R_local, lat, lon, -height, gravity_n(prepared.origin, p))
+
+
+def _priors(prepared: Prepared, initial: Initial, track: Track) -> list[gtsam.NonlinearFactor]:
+    imu = prepared.dive.rig.imu
+    pose = gtsam.Pose3(gtsam.Rot3(initial.R_nb), initial.p_n)
+    cov = np.zeros((6, 6))
+    cov[:3, :3] = initial.cov_rotation_b
+    cov[3:, 3:] = initial.R_nb.T @ np.diag(initial.sigma_p**2) @ initial.R_nb
+    bias_sigma = np.repeat([imu.accel_bias_sigma, imu.gyro_bias_sigma], 3)
+    velocity = track.velocity_at(np.array([initial.t_ns]))[0]
+    noise = gtsam.noiseModel
+    return [
+        gtsam.PriorFactorPose3(X(0), pose, noise.Gaussian.Covariance(cov)),
+        gtsam.PriorFactorVector(V(0), velocity, noise.Isotropic.Sigma(3, VELOCITY_SIGMA)),
+        gtsam.PriorFactorConstantBias(B(0), gtsam.imuBias.ConstantBias(), noise.Diagonal.Sigmas(bias_sigma)),
+    ]
+
+
+def _imu(prepared: Prepared, keyframes: TimeArray, place: Place) -> list[gtsam.NonlinearFactor]:
+    rig = prepared.dive.rig.imu
+    noise = factors.ImuNoise(rig.gyro_noise_density, rig.accel_noise_density, rig.gyro_bias_walk, rig.accel_bias_walk)
+    params = [
+        factors.preintegration_params(noise, g, prepared.earth_rate_n, p)
+        for g, p in zip(place.gravity_n[:-1], place.p_n[:-1], strict=True)
+    ]
+    imu = prepared.imu
+    pims = factors.preintegrate(params, imu.t_ns[1:], imu.f_b, imu.w_b, keyframes, gtsam.imuBias.ConstantBias())
+    return [factors.imu_factor((X(k), V(k), X(k + 1), V(k + 1), B(k), B(k + 1)), pim) for k, pim in enumerate(pims)]
+
+
+def _dvl(
+    prepared: Prepared, settings: SmoothSettings, keyframes: TimeArray, track: Track, loss: Losses
+) -> tuple[list[gtsam.NonlinearFactor], list[factors.CalibratedDisplacements]]:
+    """Displacement factors: native ones, or one bulk factor with the instrument's calibration as a variable."""
+    dvl, rig = prepared.dvl, prepared.dive.rig.dvl
+    if dvl is None:
+        return [], []
+    R_pings, R_keys = track.rotation_at(dvl.t_ns), track.rotation_at(keyframes)
+
+    def displaced(v_b: FloatArray, lever: FloatArray) -> factors.Displacements:
+        return factors.displacements(
+            dvl.t_ns, v_b, dvl.cov_b, R_pings, keyframes, R_keys, l_b=lever, max_gap_s=rig.max_gap_s
+        )
+
+    measured = displaced(dvl.v_b, rig.l_b)
+    intervals = np.flatnonzero(measured.valid)
+    if not settings.dvl_calibration or (rig.scale_sigma == 0.0 and rig.misalignment_sigma_deg == 0.0):
+        robust = loss(3)
+        return [measured.measurement(k).lowered((X(k), X(k + 1)), robust) for k in intervals], []
+    no_lever = np.zeros(3)
+    columns = [dvl.v_b, *np.moveaxis(-skew(dvl.v_b), -1, 0)]
+    G = np.stack([displaced(v, no_lever).d_start[intervals] for v in columns], axis=-1)
+    block = factors.CalibratedDisplacements(
+        [X(k) for k in intervals],
+        [X(k + 1) for k in intervals],
+        DVL_CALIBRATION,
+        measured.d_start[intervals],
+        G,
+        measured.cov_start[intervals],
+        loss.width(3),
+    )
+    return [], [block]
+
+
+def _calibration_prior(prepared: Prepared) -> gtsam.NonlinearFactor:
+    rig = prepared.dive.rig.dvl
+    floor = 1e-9
+    sigmas = np.maximum([rig.scale_sigma, *[np.radians(rig.misalignment_sigma_deg)] * 3], floor)
+    zero = np.zeros(factors.CALIBRATION_DIM)
+    return gtsam.PriorFactorVector(DVL_CALIBRATION, zero, gtsam.noiseModel.Diagonal.Sigmas(sigmas))
+
+
+def _depth(
+    prepared: Prepared, keyframes: TimeArray, track: Track, place: Place, loss: Losses
+) -> list[gtsam.NonlinearFactor]:
+    if prepared.depth is None:
+        return []
+    lever = prepared.dive.rig.depth.l_b
+    at = moving.depths(prepared.depth, keyframes, track, lever)
+    robust = loss(1)
+    return [
+        factors.Depth(d, s, place.R_local[k][:, 2], place.p_n[k], place.depth[k], lever).lowered((X(k),), robust)
+        for k, d, s in zip(at.keyframe.tolist(), at.value.tolist(), at.spread.tolist(), strict=True)
+    ]
+
+
+def _fixes(prepared: Prepared, keyframes: TimeArray, track: Track, loss: Losses) -> list[gtsam.NonlinearFactor]:
+    if prepared.fixes is None:
+        return []
+    lever = prepared.dive.rig.fixes.l_b
+    at, R_local = moving.fixes(prepared.fixes, prepared.origin, keyframes, track, lever)
+    robust = loss(3)
+    return [
+        factors.PositionFix(p, cov, lever, R).lowered((X(k),), robust)
+        for k, p, cov, R in zip(at.keyframe.tolist(), at.value, at.spread, R_local, strict=True)
+    ]
+
+
+def _heading(
+    prepared: Prepared, keyframes: TimeArray, track: Track, place: Place, loss: Losses
+) -> list[gtsam.NonlinearFactor]:
+    if prepared.heading is None:
+        return []
+    at = moving.headings(prepared.heading, keyframes, track)
+    pitch = rph_from_matrix(place.R_nb)[:, 1]
+    robust = loss(1)
+    return [
+        factors.Heading(h, s, pitch[k], place.R_local[k]).lowered((X(k),), robust)
+        for k, h, s in zip(at.keyframe.tolist(), at.value.tolist(), at.spread.tolist(), strict=True)
+    ]
+
+
+def _sun(
+    prepared: Prepared, keyframes: TimeArray, track: Track, place: Place, loss: Losses
+) -> list[gtsam.NonlinearFactor]:
+    if prepared.sun is None:
+        return []
+    at, t_ns = moving.suns(prepared.sun, keyframes, track)
+    k = at.keyframe
+    s_n = sun_direction_n(prepared.origin, t_ns, place.lat[k], place.lon[k])
+    robust = loss(2)
+    return [
+        factors.SunScatter(information, s).lowered((X(i),), robust)
+        for i, information, s in zip(k.tolist(), at.spread, s_n, strict=True)
+    ]
+
+
+def _first_guess(keyframes: TimeArray, track: Track, place: Place) -> gtsam.Values:
+    values = gtsam.Values()
+    v_n = track.velocity_at(keyframes)
+    bias = gtsam.imuBias.ConstantBias()
+    for k, (R, p, v) in enumerate(zip(place.R_nb, place.p_n, v_n, strict=True)):
+        values.insert(X(k), gtsam.Pose3(gtsam.Rot3(R), p))
+        values.insert(V(k), v)
+        values.insert(B(k), bias)
+    return values

@@ -1,0 +1,67 @@
+"""When the states are: a keyframe at least every period and every turn, on DVL pings where there are any.
+
+A displacement between two pings needs no velocity that nobody measured, so keyframes are moved to the nearest ping.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from uwgraph.graph.prepare import Prepared
+from uwgraph.graph.settings import SmoothSettings
+from uwgraph.types import BoolArray, TimeArray
+
+
+def schedule(prepared: Prepared, settings: SmoothSettings, start_ns: int, end_ns: int) -> TimeArray:
+    """Keyframe stamps from ``start_ns`` to ``end_ns``, both included, shape (K,)."""
+    period = round(settings.keyframe_period_s * 1e9)
+    grid = _regular(start_ns, end_ns, period)
+    grid = _split_turns(prepared, grid, np.radians(settings.keyframe_turn_deg))
+    if prepared.dvl is not None:
+        grid = _snap(grid, prepared.dvl.t_ns, reach=period // 2)
+    return grid
+
+
+def _regular(start_ns: int, end_ns: int, period: int) -> TimeArray:
+    count = max(-(-(end_ns - start_ns) // period), 1)
+    grid = start_ns + period * np.arange(count + 1, dtype=np.int64)
+    grid[-1] = end_ns
+    return grid
+
+
+def _split_turns(prepared: Prepared, grid: TimeArray, limit: float) -> TimeArray:
+    """Split every interval in which the gyro turned by more than ``limit`` [rad] into equal parts."""
+    imu = prepared.imu
+    step = np.linalg.norm(imu.w_b, axis=1) * np.diff(imu.t_ns) * 1e-9
+    turned = np.interp(grid, imu.t_ns, np.concatenate([[0.0], np.cumsum(step)]))
+    parts = np.maximum(np.ceil(np.diff(turned) / limit), 1).astype(np.int64)
+    if parts.max() == 1:
+        return grid
+    pieces = [
+        np.linspace(a, b, n, endpoint=False).astype(np.int64) for a, b, n in zip(grid, grid[1:], parts, strict=False)
+    ]
+    return np.concatenate([*pieces, grid[-1:]])
+
+
+def _snap(grid: TimeArray, pings: TimeArray, reach: int) -> TimeArray:
+    """Move inner grid points to the nearest ping within ``reach``; ends stay, and nobody is counted twice."""
+    inner = grid[1:-1]
+    right = np.clip(np.searchsorted(pings, inner), 1, max(len(pings) - 1, 1))
+    left = pings[right - 1]
+    after = pings[np.minimum(right, len(pings) - 1)]
+    nearest = np.where(inner - left <= after - inner, left, after)
+    snapped = np.where(np.abs(nearest - inner) <= reach, nearest, inner)
+    stamps = np.unique(np.concatenate([grid[:1], snapped, grid[-1:]]))
+    return stamps[(stamps >= grid[0]) & (stamps <= grid[-1])]
+
+
+def nearest_keyframe(keyframes: TimeArray, t_ns: TimeArray) -> TimeArray:
+    """Index of the nearest keyframe to each stamp, shape (N,)."""
+    right = np.clip(np.searchsorted(keyframes, t_ns), 1, len(keyframes) - 1)
+    return np.where(t_ns - keyframes[right - 1] <= keyframes[right] - t_ns, right - 1, right)
+
+
+def inside(keyframes: TimeArray, t_ns: TimeArray) -> BoolArray:
+    """Mask of the stamps that the keyframes span."""
+    mask: BoolArray = (t_ns >= keyframes[0]) & (t_ns <= keyframes[-1])
+    return mask

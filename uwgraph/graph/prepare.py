@@ -1,0 +1,173 @@
+"""One clock and one frame: the dive's streams as the graph takes them.
+
+Time offsets of the rig are applied, sensor axes become body axes, missing sigmas are filled in, invalid samples go.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+
+from factors.lie import cumulative_rotation, exp_so3
+from uwgraph.dive import Dive
+from uwgraph.errors import DataError
+from uwgraph.frames import earth_rate_n
+from uwgraph.types import Depth, Fixes, FloatArray, Heading, Imu, Origin, Reference, Sun, TimeArray
+
+S = TypeVar("S", Sun, Reference, Depth, Fixes, Heading)
+W = TypeVar("W", Depth, Heading)
+
+
+@dataclass(frozen=True, eq=False)
+class BodyImu:
+    """The IMU in body axes, and the rotation it implies."""
+
+    t_ns: TimeArray
+    """Edges of the samples, shape (N + 1,): sample i is the mean over (t_i, t_{i+1}]."""
+    f_b: FloatArray
+    """Specific force, shape (N, 3)."""
+    w_b: FloatArray
+    """Angular rate, shape (N, 3)."""
+
+    @cached_property
+    def rotation(self) -> FloatArray:
+        """Rotation body(t_k) to body(t_0) against inertial space, shape (N + 1, 3, 3)."""
+        dt = np.diff(self.t_ns) * 1e-9
+        return cumulative_rotation(exp_so3(self.w_b * dt[:, None]))
+
+    def rotation_at(self, t_ns: TimeArray) -> FloatArray:
+        """Rotation body(t) to body(t_0) against inertial space at any times inside, shape (M, 3, 3)."""
+        k = np.clip(np.searchsorted(self.t_ns, t_ns, side="right") - 1, 0, len(self.w_b) - 1)
+        dt = (np.asarray(t_ns) - self.t_ns[k]) * 1e-9
+        R: FloatArray = self.rotation[k] @ exp_so3(self.w_b[k] * dt[:, None])
+        return R
+
+
+@dataclass(frozen=True, eq=False)
+class BodyDvl:
+    """Bottom velocity of the DVL in body axes."""
+
+    t_ns: TimeArray
+    v_b: FloatArray
+    """Shape (N, 3), m/s: of the DVL, not of the body origin."""
+    cov_b: FloatArray
+    """Shape (N, 3, 3)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A dive ready for the graph."""
+
+    dive: Dive
+    imu: BodyImu
+    dvl: BodyDvl | None
+    depth: Depth | None
+    fixes: Fixes | None
+    heading: Heading | None
+    sun: Sun | None
+    reference: Reference | None
+
+    @property
+    def origin(self) -> Origin:
+        return self.dive.origin
+
+    @cached_property
+    def earth_rate_n(self) -> FloatArray:
+        return earth_rate_n(self.origin)
+
+
+def prepare(dive: Dive) -> Prepared:
+    """Bring every stream to the IMU's clock and the body's axes.
+
+    Raises
+    ------
+    DataError
+        When there is no IMU, or a magnetic heading without a declination.
+    """
+    if dive.imu is None or len(dive.imu) < 2:
+        raise DataError("the dive has no IMU samples", where="imu", remedy="smoothing needs imu.parquet or imu.csv")
+    rig = dive.rig
+    imu = body_imu(dive.imu, rig.imu.R_bs, rig.imu.time_offset_ns)
+    span = (imu.t_ns[0], imu.t_ns[-1])
+    return Prepared(
+        dive=dive,
+        imu=imu,
+        dvl=_body_dvl(dive, span),
+        depth=_inside(_filled(dive.depth, rig.depth.sigma, rig.depth.time_offset_ns), span),
+        fixes=_inside(_fixes(dive), span),
+        heading=_inside(_heading(dive), span),
+        sun=_inside(_shifted(dive.sun, rig.sun.time_offset_ns), span),
+        reference=_inside(_shifted(dive.reference, rig.reference.time_offset_ns), span),
+    )
+
+
+def body_imu(imu: Imu, R_bs: FloatArray, offset_ns: int) -> BodyImu:
+    """The IMU in body axes, with the edge before the first sample put one typical period earlier."""
+    t = imu.t_ns + offset_ns
+    first = t[0] - int(np.median(np.diff(t)))
+    return BodyImu(np.concatenate([[first], t]), imu.f_s @ R_bs.T, imu.w_s @ R_bs.T)
+
+
+def _body_dvl(dive: Dive, span: tuple[int, int]) -> BodyDvl | None:
+    if dive.dvl is None:
+        return None
+    rig = dive.rig.dvl
+    t = dive.dvl.t_ns + rig.time_offset_ns
+    keep = dive.dvl.valid & np.isfinite(dive.dvl.v_s).all(axis=1) & (t >= span[0]) & (t <= span[1])
+    if not keep.any():
+        return None
+    cov_s = dive.dvl.cov_s[keep]
+    cov_s = np.where(np.isfinite(cov_s).all(axis=(1, 2), keepdims=True), cov_s, rig.sigma**2 * np.eye(3))
+    R = rig.R_bs
+    return BodyDvl(t[keep], rig.scale * dive.dvl.v_s[keep] @ R.T, rig.scale**2 * R @ cov_s @ R.T)
+
+
+def _shifted(stream: S | None, offset_ns: int) -> S | None:
+    return None if stream is None else replace(stream, t_ns=stream.t_ns + offset_ns)
+
+
+def _filled(stream: W | None, sigma: float, offset_ns: int) -> W | None:
+    if stream is None:
+        return None
+    filled = np.where(np.isfinite(stream.sigma), stream.sigma, sigma)
+    return replace(stream, t_ns=stream.t_ns + offset_ns, sigma=filled)
+
+
+def _fixes(dive: Dive) -> Fixes | None:
+    if dive.fixes is None:
+        return None
+    cov = dive.fixes.cov_n
+    cov = np.where(np.isnan(cov).any(axis=(1, 2), keepdims=True), dive.rig.fixes.sigma**2 * np.eye(3), cov)
+    return replace(dive.fixes, t_ns=dive.fixes.t_ns + dive.rig.fixes.time_offset_ns, cov_n=cov)
+
+
+def _heading(dive: Dive) -> Heading | None:
+    rig = dive.rig.heading
+    stream = _filled(dive.heading, np.radians(rig.sigma_deg), rig.time_offset_ns)
+    if stream is None or stream.reference == "true":
+        return stream
+    if rig.declination_deg is None:
+        raise DataError(
+            "the heading is magnetic and the declination is not given",
+            where="heading",
+            remedy="set rig.heading.declination_deg in dive.yaml",
+        )
+    return replace(stream, heading=stream.heading + np.radians(rig.declination_deg), reference="true")
+
+
+def _inside(stream: S | None, span: tuple[int, int]) -> S | None:
+    """The samples within the IMU's span; None when none is left."""
+    if stream is None:
+        return None
+    kept = stream.select((stream.t_ns >= span[0]) & (stream.t_ns <= span[1]))
+    return kept if len(kept) else None
+
+
+def counts(prepared: Prepared) -> Mapping[str, int]:
+    """How many samples of each aiding stream are in use."""
+    names = ("dvl", "depth", "fixes", "heading", "sun")
+    return {n: len(getattr(prepared, n).t_ns) for n in names if getattr(prepared, n) is not None}

@@ -1,0 +1,171 @@
+"""Smoothing a dive: one call from streams to a trajectory with covariance."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
+from typing import Any
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import B, V, X
+
+from uwgraph.dive import Dive
+from uwgraph.errors import SolveError
+from uwgraph.graph.builder import DVL_CALIBRATION, Problem, build
+from uwgraph.graph.diagnose import diagnose
+from uwgraph.graph.initial import Initial, initial_state
+from uwgraph.graph.keyframes import schedule
+from uwgraph.graph.marginals import marginal_covariances
+from uwgraph.graph.prepare import Prepared, prepare
+from uwgraph.graph.settings import SmoothSettings
+from uwgraph.graph.solver import Solved, solve
+from uwgraph.graph.track import Track, dead_reckon
+from uwgraph.types import FloatArray, Solution, TimeArray
+
+Progress = Callable[[str, float], None]
+"""Called with the name of the stage and how far it is, 0 to 1."""
+
+MAX_ROUNDS = 3
+MOVED_M = 50.0
+MOVED_RAD = np.radians(2.0)
+"""A solution further than this from the track it was linearised about makes another round."""
+
+
+def smooth(dive: Dive, settings: SmoothSettings | None = None, progress: Progress | None = None) -> Solution:
+    """Estimate every keyframe's state and its covariance from a whole dive.
+
+    Raises
+    ------
+    DataError
+        When a stream that smoothing needs is missing or unusable.
+    InitialisationError
+        When nothing tells where the dive starts or which way it points.
+    SolveError
+        When the graph has no unique solution; the message names what nothing measures.
+    """
+    settings = settings or SmoothSettings()
+    tell = progress or _silent
+    started = time.monotonic()
+    tell("reading the streams", 0.0)
+    prepared = prepare(dive)
+    initial = initial_state(prepared, settings)
+    keyframes = schedule(prepared, settings, initial.t_ns, int(prepared.imu.t_ns[-1]))
+    track = dead_reckon(prepared, initial.t_ns, initial.R_nb, initial.p_n)
+    for _ in range(MAX_ROUNDS):
+        tell("building the graph", 0.0)
+        problem = build(prepared, settings, initial, keyframes, track)
+        solved = _solve(problem, settings, tell)
+        solution = _solution(prepared, keyframes, solved.values)
+        moved, track = _moved(track, solution), track_of(dive, solution)
+        if not moved:
+            break
+    if settings.covariances:
+        tell("covariances", 0.0)
+        solution = with_covariances(solution, problem, solved.values)
+    tell("done", 1.0)
+    info = _info(problem, solved, initial, time.monotonic() - started)
+    return replace(solution, info=info)
+
+
+def _solve(problem: Problem, settings: SmoothSettings, tell: Progress) -> Solved:
+    try:
+        return solve(problem, settings, lambda done: tell("solving", done))
+    except SolveError as failure:
+        diagnosis = diagnose(problem)
+        raise SolveError(failure.problem, where=diagnosis.where, remedy=diagnosis.remedy) from None
+
+
+def track_of(dive: Dive, solution: Solution) -> Track:
+    """The solution as a track that can be asked at any time within it."""
+    return Track(prepare(dive), solution.t_ns, solution.R_nb, solution.p_n, solution.v_n, solution.bias_gyro)
+
+
+def resample(dive: Dive, solution: Solution, t_ns: TimeArray) -> Solution:
+    """The solution at any stamps within it: the IMU turns the attitude, covariances are those of the keyframe before."""
+    track = track_of(dive, solution)
+    k = np.clip(np.searchsorted(solution.t_ns, t_ns, side="right") - 1, 0, len(solution) - 1)
+    return replace(
+        solution,
+        t_ns=t_ns,
+        R_nb=track.rotation_at(t_ns),
+        p_n=track.position_at(t_ns),
+        v_n=track.velocity_at(t_ns),
+        bias_gyro=solution.bias_gyro[k],
+        bias_accel=solution.bias_accel[k],
+        cov_pose=solution.cov_pose[k],
+        cov_v=solution.cov_v[k],
+        cov_bias=solution.cov_bias[k],
+    )
+
+
+def with_covariances(solution: Solution, problem: Problem, values: gtsam.Values) -> Solution:
+    """The solution with the covariance of every state, from one elimination and one backward pass."""
+    linear = problem.linearize(values)
+    marginals = marginal_covariances(linear.eliminateSequential(problem.ordering(linear), gtsam.EliminateQR))
+    K = len(solution)
+
+    def stacked(symbol: Callable[[int], int]) -> FloatArray:
+        return np.stack([marginals[symbol(k)] for k in range(K)])
+
+    calibration = dict(solution.calibration)
+    if DVL_CALIBRATION in marginals:
+        calibration.update(_named("sigma", np.sqrt(np.diag(marginals[DVL_CALIBRATION]))))
+    return replace(solution, cov_pose=stacked(X), cov_v=stacked(V), cov_bias=stacked(B), calibration=calibration)
+
+
+def _solution(prepared: Prepared, keyframes: TimeArray, values: gtsam.Values) -> Solution:
+    K = len(keyframes)
+    poses = np.array([values.atPose3(X(k)).matrix() for k in range(K)])
+    bias = np.array([values.atConstantBias(B(k)).vector() for k in range(K)])
+    calibration: Mapping[str, Any] = {}
+    if values.exists(DVL_CALIBRATION):
+        calibration = _named("estimate", values.atVector(DVL_CALIBRATION))
+    return Solution(
+        origin=prepared.origin,
+        t_ns=keyframes,
+        R_nb=poses[:, :3, :3],
+        p_n=poses[:, :3, 3],
+        v_n=np.array([values.atVector(V(k)) for k in range(K)]),
+        bias_gyro=bias[:, 3:],
+        bias_accel=bias[:, :3],
+        cov_pose=np.full((K, 6, 6), np.nan),
+        cov_v=np.full((K, 3, 3), np.nan),
+        cov_bias=np.full((K, 6, 6), np.nan),
+        calibration=calibration,
+    )
+
+
+def _named(what: str, c: FloatArray) -> dict[str, float]:
+    """Calibration vector as named numbers in people's units."""
+    angles = np.degrees(c[1:])
+    names = ("x", "y", "z")
+    return {
+        f"dvl_scale_error_{what}": float(c[0]),
+        **{f"dvl_misalignment_{n}_deg_{what}": float(a) for n, a in zip(names, angles, strict=True)},
+    }
+
+
+def _moved(track: Track, solution: Solution) -> bool:
+    """Whether the solution went so far from the track that places and moved measurements should be taken anew."""
+    apart = np.linalg.norm(track.position_at(solution.t_ns) - solution.p_n, axis=1).max()
+    dR = np.swapaxes(track.rotation_at(solution.t_ns), 1, 2) @ solution.R_nb
+    turned = np.arccos(np.clip((np.trace(dR, axis1=1, axis2=2) - 1.0) / 2.0, -1.0, 1.0)).max()
+    return bool(apart > MOVED_M or turned > MOVED_RAD)
+
+
+def _info(problem: Problem, solved: Solved, initial: Initial, seconds: float) -> Mapping[str, Any]:
+    return {
+        "runtime_s": seconds,
+        "keyframes": len(problem.keyframes),
+        "factors": dict(problem.counts),
+        "initial": initial.source,
+        "converged": solved.converged,
+        "stopped_because": solved.why,
+        "iterations": [asdict(i) for i in solved.trace],
+    }
+
+
+def _silent(stage: str, done: float) -> None:
+    """Nobody is listening."""
