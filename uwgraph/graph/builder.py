@@ -12,7 +12,6 @@ from scipy.special import erf
 from scipy.stats import chi2
 
 import factors
-from factors.lie import skew
 from uwgraph.frames import R_n_local, geodetic_from_ned, gravity_n, rph_from_matrix
 from uwgraph.graph import moving
 from uwgraph.graph.initial import Initial
@@ -161,28 +160,31 @@ def _dvl(
     dvl, rig = prepared.dvl, prepared.dive.rig.dvl
     if dvl is None:
         return [], []
-    R_pings, R_keys = track.rotation_at(dvl.t_ns), track.rotation_at(keyframes)
-
-    def displaced(v_b: FloatArray, lever: FloatArray) -> factors.Displacements:
-        return factors.displacements(
-            dvl.t_ns, v_b, dvl.cov_b, R_pings, keyframes, R_keys, l_b=lever, max_gap_s=rig.max_gap_s
-        )
-
-    measured = displaced(dvl.v_b, rig.l_b)
-    intervals = np.flatnonzero(measured.valid)
-    if not settings.dvl_calibration or (rig.scale_sigma == 0.0 and rig.misalignment_sigma_deg == 0.0):
+    R_keys = track.rotation_at(keyframes)
+    calibrated = settings.dvl_calibration and (rig.scale_sigma > 0.0 or rig.misalignment_sigma_deg > 0.0)
+    measured = factors.displacements(
+        dvl.t_ns,
+        dvl.v_b,
+        dvl.cov_b,
+        track.rotation_at(dvl.t_ns),
+        keyframes,
+        R_keys,
+        l_b=np.zeros(3) if calibrated else rig.l_b,
+        max_gap_s=rig.max_gap_s,
+    )
+    k = np.flatnonzero(measured.valid).tolist()
+    if not calibrated:
         robust = loss(3)
-        return [measured.measurement(k).lowered((X(k), X(k + 1)), robust) for k in intervals], []
-    no_lever = np.zeros(3)
-    columns = [dvl.v_b, *np.moveaxis(-skew(dvl.v_b), -1, 0)]
-    G = np.stack([displaced(v, no_lever).d_start[intervals] for v in columns], axis=-1)
+        return [measured.measurement(i).lowered((X(i), X(i + 1)), robust) for i in k], []
+    R_mid = np.swapaxes(R_keys[:-1], 1, 2) @ track.rotation_at((keyframes[1:] + keyframes[:-1]) // 2)
     block = factors.CalibratedDisplacements(
-        [X(k) for k in intervals],
-        [X(k + 1) for k in intervals],
+        [X(i) for i in k],
+        [X(i + 1) for i in k],
         DVL_CALIBRATION,
-        measured.d_start[intervals],
-        G,
-        measured.cov_start[intervals],
+        measured.d_start[k],
+        measured.dR[k] @ rig.l_b - rig.l_b,
+        R_mid[k],
+        measured.cov_start[k],
         loss.width(3),
     )
     return [], [block]
