@@ -62,12 +62,35 @@ def inertial_track(imu: Imu, rig: ImuRig | None = None) -> InertialTrack:
 
 
 def _cumulative_product(q: FloatArray) -> FloatArray:
-    """q_1, q_1 q_2, q_1 q_2 q_3, ... in log2(N) vectorised steps."""
-    q, reach = q.copy(), 1
-    while reach < len(q):
-        q[reach:] = (Rotation.from_quat(q[:-reach]) * Rotation.from_quat(q[reach:])).as_quat()
-        reach *= 2
-    return q
+    """q_1, q_1 q_2, q_1 q_2 q_3, ...: within rows of a square table for all rows at once, then row upon row."""
+    side = int(np.ceil(np.sqrt(len(q))))
+    table = np.tile([0.0, 0.0, 0.0, 1.0], (side * side, 1))
+    table[: len(q)] = q
+    table = table.reshape(side, side, 4)
+    for column in range(1, side):
+        table[:, column] = _product(table[:, column - 1], table[:, column])
+    before = np.empty((side, 1, 4))
+    before[0] = [0.0, 0.0, 0.0, 1.0]
+    for row in range(1, side):
+        before[row] = _product(before[row - 1], table[row - 1, -1:])
+    product = _product(before, table).reshape(-1, 4)[: len(q)]
+    unit: FloatArray = product / np.linalg.norm(product, axis=1, keepdims=True)
+    return unit
+
+
+def _product(p: FloatArray, q: FloatArray) -> FloatArray:
+    """Quaternion product, xyzw."""
+    px, py, pz, pw = np.moveaxis(p, -1, 0)
+    qx, qy, qz, qw = np.moveaxis(q, -1, 0)
+    return np.stack(
+        [
+            pw * qx + px * qw + py * qz - pz * qy,
+            pw * qy - px * qz + py * qw + pz * qx,
+            pw * qz + px * qy - py * qx + pz * qw,
+            pw * qw - px * qx - py * qy - pz * qz,
+        ],
+        axis=-1,
+    )
 
 
 def _interpolate(t: FloatArray, knots: FloatArray, values: FloatArray) -> FloatArray:
