@@ -7,7 +7,7 @@ Poses are T_nb: body (FRD) to navigation (NED, Cartesian). Every measurement is 
 from factors.adapter import Measurement, custom_factor
 from factors.check import check_equivalence, check_jacobians
 from factors.depth import Depth, depth_from_pressure
-from factors.dvl import Displacements, DvlDisplacement, displacements
+from factors.dvl import Displacements, DvlDisplacement, displacements, inertial_bend
 from factors.dvl_calibration import CALIBRATION_DIM, CalibratedDisplacement, CalibratedDisplacements
 from factors.heading import Heading
 from factors.inertial import (
@@ -44,6 +44,7 @@ __all__ = [
     "depth_from_pressure",
     "displacements",
     "imu_factor",
+    "inertial_bend",
     "integration_steps",
     "preintegrate",
     "preintegration_params",

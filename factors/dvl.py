@@ -102,6 +102,36 @@ def displacements(
     return Displacements(d, dR, cov, valid)
 
 
+def inertial_bend(
+    t_ns: TimeArray, velocity_g: FloatArray, ping_t_ns: TimeArray, keyframe_t_ns: TimeArray
+) -> FloatArray:
+    """What the straight line between pings leaves out of each keyframe interval's way, shape (K - 1, 3), m, in g.
+
+    Between two pings the velocity does not go straight: the accelerometer knows how it bends. At 1 Hz in a turn the
+    straight line is 3 % short of the change of velocity. Only the bend is taken: a constant acceleration, and with it
+    gravity and the accelerometer's bias, drops out.
+
+    Parameters
+    ----------
+    t_ns, velocity_g
+        Stamps, shape (N,), and the specific force integrated to them in the axes g that do not turn, shape (N, 3), m/s.
+    ping_t_ns, keyframe_t_ns
+        Shapes (P,) and (K,), increasing.
+    """
+
+    def seconds(t: TimeArray) -> FloatArray:
+        return np.asarray((t - t_ns[0]) * 1e-9)
+
+    t, pings, keyframes = seconds(t_ns), seconds(ping_t_ns), seconds(keyframe_t_ns)
+    way = np.empty((len(keyframes), 3))
+    for axis, velocity in enumerate(velocity_g.T):
+        bend = velocity - np.interp(t, pings, np.interp(pings, t, velocity))
+        bend[(t < pings[0]) | (t > pings[-1])] = 0.0
+        so_far = np.concatenate([[0.0], np.cumsum(0.5 * (bend[1:] + bend[:-1]) * np.diff(t))])
+        way[:, axis] = np.interp(keyframes, t, so_far)
+    return np.diff(way, axis=0)
+
+
 def _hat_integral(t_ns: TimeArray, ping: NDArray[np.intp], until_ns: TimeArray) -> FloatArray:
     """Integral [s] until a time of the piecewise-linear function that is 1 at the ping and 0 at all others."""
     left = (t_ns[ping] - t_ns[np.maximum(ping - 1, 0)]) * 1e-9

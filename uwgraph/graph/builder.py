@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
@@ -15,7 +15,7 @@ import factors
 from uwgraph.frames import R_n_local, geodetic_from_ned, gravity_n, rph_from_matrix
 from uwgraph.graph import moving
 from uwgraph.graph.initial import Initial
-from uwgraph.graph.prepare import Prepared
+from uwgraph.graph.prepare import BodyImu, Prepared
 from uwgraph.graph.settings import SmoothSettings
 from uwgraph.graph.track import Track
 from uwgraph.sun.ephemeris import sun_direction_n
@@ -172,6 +172,7 @@ def _dvl(
         l_b=np.zeros(3) if calibrated else rig.l_b,
         max_gap_s=rig.max_gap_s,
     )
+    measured = replace(measured, d_start=measured.d_start + _bend(prepared.imu, dvl.t_ns, keyframes))
     k = np.flatnonzero(measured.valid).tolist()
     if not calibrated:
         robust = loss(3)
@@ -188,6 +189,14 @@ def _dvl(
         loss.width(3),
     )
     return [], [block]
+
+
+def _bend(imu: BodyImu, pings: TimeArray, keyframes: TimeArray) -> FloatArray:
+    """How the way between pings bends, in the axes of each interval's first keyframe, shape (K - 1, 3)."""
+    bend_g = factors.inertial_bend(imu.t_ns, imu.velocity, pings, keyframes)
+    R_gb = imu.rotation_at(keyframes[:-1])
+    bend: FloatArray = (np.swapaxes(R_gb, 1, 2) @ bend_g[:, :, None])[..., 0]
+    return bend
 
 
 def _calibration_prior(prepared: Prepared) -> gtsam.NonlinearFactor:

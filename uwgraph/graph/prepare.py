@@ -39,6 +39,14 @@ class BodyImu:
         dt = np.diff(self.t_ns) * 1e-9
         return cumulative_rotation(exp_so3(self.w_b * dt[:, None]))
 
+    @cached_property
+    def velocity(self) -> FloatArray:
+        """Specific force integrated in the axes of body(t_0), shape (N + 1, 3), m/s; gravity is not taken off."""
+        dt = np.diff(self.t_ns) * 1e-9
+        R_mid = 0.5 * (self.rotation[:-1] + self.rotation[1:])
+        steps = (R_mid @ self.f_b[:, :, None])[..., 0] * dt[:, None]
+        return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+
     def rotation_at(self, t_ns: TimeArray) -> FloatArray:
         """Rotation body(t) to body(t_0) against inertial space at any times inside, shape (M, 3, 3)."""
         k = np.clip(np.searchsorted(self.t_ns, t_ns, side="right") - 1, 0, len(self.w_b) - 1)

@@ -38,10 +38,18 @@ SNAPIR_RIG: Final = Rig(
         gyro_bias_sigma=1e-6,
         accel_bias_sigma=1e-2,
     ),
-    dvl=DvlRig(sigma=0.02, scale_sigma=0.004, misalignment_sigma_deg=0.5),
+    dvl=DvlRig(
+        translation_m=(-0.04, -0.02, 0.21),
+        rotation_deg=(0.04, -0.067, -0.26),
+        scale=0.9992,
+        sigma=0.02,
+        scale_sigma=0.002,
+        misalignment_sigma_deg=0.1,
+    ),
     depth=DepthRig(sigma=0.05),
 )
-"""FOG-grade IMU; the DVL's lateral bias of 0.01 to 0.03 m/s at 2 m/s is a misalignment."""
+"""FOG-grade IMU. The DVL's place, mounting and scale are what smoothing runs 1, 2, 4 and 6 estimates from IMU and DVL
+alone (mounting about z 0.22 to 0.29 deg, sigma 0.06 to 0.12; the reference has no part in it)."""
 
 _TIME: Final = "Time [s]"
 _COLUMNS: Final = {
