@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from uwgraph.cli.console import EXIT_DATA
+
 EXAMPLES = "Example: [bold]uwgraph check dives/run1[/bold]. The exit code is 3 when there are errors."
 
 
@@ -15,3 +17,16 @@ def check(
     as_json: Annotated[bool, typer.Option("--json", help="JSON on standard output, for programs.")] = False,
 ) -> None:
     """Look for what is wrong with a dive: clocks, gaps, frames, units, noise."""
+    from rich.console import Console
+
+    from uwgraph.cli.source import load_dive
+    from uwgraph.dive.check import check_dive
+    from uwgraph.dive.check_table import render
+
+    report = check_dive(load_dive(dive, validate=False))
+    if as_json:
+        print(report.to_json())
+    else:
+        Console().print(render(report))
+    if report.exit_status:
+        raise typer.Exit(EXIT_DATA)

@@ -25,7 +25,7 @@ def smooth_and_write(
     title: str = "",
 ) -> dict[str, Any]:
     """Write the output folder of a dive and return its metrics."""
-    from uwgraph.evaluate import body_reference, metrics, write_solution
+    from uwgraph.evaluate import judge, write_solution
     from uwgraph.evaluate.output import refuse_taken
     from uwgraph.evaluate.runlog import run_log
     from uwgraph.graph import smooth
@@ -33,23 +33,22 @@ def smooth_and_write(
     refuse_taken(out, overwrite=overwrite)
     solution = smooth(dive, settings, progress)
     progress("writing", 0.95)
-    reference = body_reference(dive)
-    figures = metrics(solution, reference, alignment)
+    judged = judge(dive, solution, alignment)
 
     def picture(folder: Path) -> None:
         from uwgraph.evaluate.plot import track_plot
 
-        track_plot(solution, reference, folder / "track.png", title)
+        track_plot(judged.solution, judged.reference, folder / "track.png", title)
 
     config = {"smooth": settings.model_dump(mode="json"), "rig": dive.rig.model_dump(mode="json")}
     write_solution(
         solution,
         out,
-        figures,
+        judged.metrics,
         config,
         run_log(dive, solution),
         overwrite=overwrite,
         extras=picture if plot else None,
     )
     progress("done", 1.0)
-    return figures
+    return judged.metrics

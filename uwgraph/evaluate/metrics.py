@@ -59,13 +59,17 @@ def compare(solution: Solution, reference: Reference, alignment: Alignment = "no
 def metrics(solution: Solution, reference: Reference | None = None, alignment: Alignment = "none") -> dict[str, Any]:
     """Everything that ``metrics.json`` holds.
 
-    Errors are estimate minus reference at the matched keyframes, horizontal ones in n, depth along the local vertical,
-    heading against local true north. NEES are divided by their degrees of freedom and averaged over the keyframes, so
+    Errors are estimate minus reference at the matched stamps, horizontal ones in n, depth along the local vertical,
+    heading against local true north. NEES are divided by their degrees of freedom and averaged over the stamps, so
     that 1 is expected; ``nees_*_95`` is the 95 % interval of one run taken as one independent draw, since the errors
     along a dive are strongly correlated. An alignment uses up the reference, so NEES are then not given.
     """
-    report: dict[str, Any] = {"keyframes": len(solution), "duration_s": _duration(solution)}
-    report |= {"runtime_s": solution.info.get("runtime_s"), "sigma": sigma_summary(people(solution))}
+    report: dict[str, Any] = {
+        "keyframes": solution.info.get("keyframes", len(solution)),
+        "duration_s": _duration(solution),
+        "runtime_s": solution.info.get("runtime_s"),
+        "sigma": sigma_summary(people(solution)),
+    }
     if reference is not None and len(reference):
         report |= error_metrics(compare(solution, reference, alignment))
     return report

@@ -1,0 +1,59 @@
+"""Every example runs, is short, and says something."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
+DATA = Path(os.environ.get("UWGRAPH_DATA", ROOT.parent / "shared" / "data"))
+
+
+def run(script: str, *arguments: object, data: Path = DATA) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(ROOT / "examples" / script), *map(str, arguments)]
+    environment = os.environ | {"UWGRAPH_DATA": str(data)}
+    return subprocess.run(command, capture_output=True, text=True, check=False, env=environment, timeout=300)
+
+
+@pytest.mark.parametrize("script", EXAMPLES, ids=lambda p: p.name)
+def test_an_example_is_short_and_starts_with_how_to_run_it(script: Path) -> None:
+    text = script.read_text()
+    assert len(text.splitlines()) < 60
+    assert f"python examples/{script.name}" in text
+
+
+def test_first_dive() -> None:
+    done = run("01_first_dive.py", 240)
+    assert done.returncode == 0, done.stderr
+    heading = next(line for line in done.stdout.splitlines() if line.startswith("heading_rmse_deg"))
+    with_sun, without = map(float, heading.split()[1:])
+    assert 0.0 < with_sun < 1.0
+    assert without > 0.0
+
+
+def test_real_log_without_the_data_says_where_to_get_it(tmp_path: Path) -> None:
+    done = run("02_real_log.py", data=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "github.com" in done.stdout
+
+
+def test_real_log_of_a_wrong_name_fails_in_words(tmp_path: Path) -> None:
+    done = run("02_real_log.py", tmp_path / "nowhere")
+    assert done.returncode == 1
+    assert "nowhere" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.data
+@pytest.mark.skipif(not (DATA / "snapir" / "Trajectory1").is_dir(), reason=f"no Snapir recordings in {DATA}")
+def test_real_log() -> None:
+    done = run("02_real_log.py")
+    assert done.returncode == 0, done.stderr
+    figures = dict(line.split() for line in done.stdout.splitlines() if len(line.split()) == 2)
+    assert float(figures["horizontal_rmse_m"]) < 10.0
+    assert float(figures["heading_rmse_deg"]) < 1.0
