@@ -22,7 +22,7 @@ lint: setup
 
 # Every script of benchmarks/ that needs no recording; the others take the data folder as an argument.
 bench: setup
-	@for script in benchmarks/[a-z]*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
+	@for script in $(wildcard benchmarks/[a-z]*.py); do echo "== $$script"; $(BIN)/python $$script || exit 1; done
 
 setup: $(READY)
 
