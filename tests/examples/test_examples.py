@@ -27,6 +27,7 @@ def test_an_example_is_short_and_starts_with_how_to_run_it(script: Path) -> None
     assert f"python examples/{script.name}" in text
 
 
+@pytest.mark.slow
 def test_first_dive() -> None:
     done = run("01_first_dive.py", 240)
     assert done.returncode == 0, done.stderr
