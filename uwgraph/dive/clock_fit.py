@@ -46,8 +46,8 @@ DEGREE = 3
 STEP_S = 0.1
 ITERATIONS = 20
 MAX_STEP_S = 0.2
-SCAN_SAMPLES = 800
-"""The search over the whole range uses about this many samples, the refinement all."""
+SCAN_SAMPLES = 40
+"""The search over the whole range uses about this many samples of each block, the refinement all."""
 HUBER = 2.0
 AMBIGUOUS = 25.0
 """chi-square by which the best shift must beat every other minimum, and twice that over a shift at random."""
@@ -92,7 +92,7 @@ def fit_clock(sensor: str, comparison: Comparison, max_offset_s: float, max_sigm
     if blocks.size == 0:
         return unobservable(sensor, "too few samples overlap with the IMU", len(inside))
     used = blocks >= 0
-    every = max(len(inside) // SCAN_SAMPLES, 1)
+    every = max(blocks.shape[1] // SCAN_SAMPLES, 1)
     scan = _Problem(comparison, inside[blocks[:, ::every]], used[:, ::every])
     shifts = np.arange(-max_offset_s, max_offset_s + GRID_S / 2, GRID_S)
     cost = scan.costs(shifts)

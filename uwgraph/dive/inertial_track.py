@@ -94,4 +94,8 @@ def _product(p: FloatArray, q: FloatArray) -> FloatArray:
 
 
 def _interpolate(t: FloatArray, knots: FloatArray, values: FloatArray) -> FloatArray:
-    return np.stack([np.interp(t, knots, column) for column in values.T], axis=-1)
+    """Linear interpolation of rows; the ends are kept outside."""
+    after = np.clip(np.searchsorted(knots, t), 1, len(knots) - 1)
+    share = np.clip((t - knots[after - 1]) / (knots[after] - knots[after - 1]), 0.0, 1.0)[:, None]
+    between: FloatArray = values[after - 1] * (1.0 - share) + values[after] * share
+    return between
