@@ -200,7 +200,7 @@ def test_a_planted_defect_is_found(dive: Dive, defect: str) -> None:
     assert report.exit_status == int(level == "error" or bool(report.at("error")))
 
 
-@pytest.mark.parametrize(("grade", "pattern"), [("mems", "lawnmower"), ("fog", "helix"), ("mems", "transit")])
+@pytest.mark.parametrize(("grade", "pattern"), [("mems", "lawnmower"), ("fog", "helix")])
 def test_a_clean_dive_passes(grade: str, pattern: str) -> None:
     settings = SimulationSettings.model_validate({"duration_s": 300, "grade": grade, "pattern": pattern})
     report = check_dive(simulate(settings, seed=7))

@@ -42,6 +42,8 @@ FLOOR = 0.02
 30 ms about the shift that goes by way of an attitude reference, more than their noise explains."""
 BLOCK_S = 60.0
 BLOCK_SAMPLES = 30
+MAX_BLOCKS = 30
+"""Of a longer stream every second block is used, or every third, and so on."""
 DEGREE = 3
 STEP_S = 0.1
 ITERATIONS = 20
@@ -125,6 +127,7 @@ def _blocks(t: FloatArray) -> IndexArray:
     number = np.minimum(((t - t[0]) / (t[-1] - t[0]) * count).astype(int), count - 1)
     members = [np.flatnonzero(number == k) for k in range(count)]
     members = [m for m in members if len(m) >= BLOCK_SAMPLES // 2]
+    members = members[:: -(-len(members) // MAX_BLOCKS) or 1]
     table = np.full((len(members), max(map(len, members), default=0)), -1, dtype=np.intp)
     for row, m in zip(table, members, strict=True):
         row[: len(m)] = m

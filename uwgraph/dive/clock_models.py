@@ -108,20 +108,26 @@ def down_direction(track: InertialTrack, t_s: FloatArray) -> FloatArray:
 
 
 def depth_comparison(dive: Dive, track: InertialTrack) -> Comparison:
-    """Depth minus the displacement along one direction per block, near the vertical, and a lever arm's share.
+    """Depth minus the vertical specific force integrated twice, and a lever arm's share.
 
-    The IMU's own displacement is sharper here than a slow DVL's.
+    What is left of the horizontal motion, because the vertical is known to a fraction of a degree, is fitted block by
+    block. The vertical part itself is not scaled: a noisy accelerometer would be scaled to nothing, and any shift fit.
     """
     assert dive.depth is not None
     keep = _thinned(dive.depth, np.isfinite(dive.depth.depth))
     depth = dive.depth.depth[keep, None]
+    down = down_direction(track, track.t_s)
+    sinking = np.cumsum(np.sum(down * np.diff(track.dv_i, axis=0, prepend=track.dv_i[:1]), axis=1))
+    sunk = cumulative_trapezoid(sinking, track.t_s, initial=0.0)
+    level = np.linalg.svd(down.mean(axis=0, keepdims=True))[2][1:].T
 
     def model(index: IndexArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
         lever = track.attitude(t).inv().apply(down_direction(track, t))
-        return depth[index], np.concatenate([track.displacement(t), lever], axis=1)[:, None, :]
+        columns = np.concatenate([track.displacement(t) @ level, lever], axis=1)
+        return depth[index] - np.interp(t, track.t_s, sunk)[:, None], columns[:, None, :]
 
-    how = "depth against the specific force integrated twice; lever arm free"
-    return Comparison(how, _seconds(dive, dive.depth)[keep], model, _span(track), local=3)
+    how = "depth against the vertical specific force integrated twice; lever arm free"
+    return Comparison(how, _seconds(dive, dive.depth)[keep], model, _span(track), local=2)
 
 
 def fixes_comparison(dive: Dive, track: InertialTrack) -> Comparison:

@@ -31,7 +31,7 @@ MAX_OFFSET_S = 3.0
 MAX_SIGMA_S = 0.1
 MIN_SAMPLES = 100
 """Shorter streams are not looked at for stretched stamps: 25 samples at 24 Hz would pass for 25 Hz."""
-SIGNIFICANT = 3.0
+SIGNIFICANT = 5.0
 """An offset is applied when it is this many sigmas from zero."""
 
 
