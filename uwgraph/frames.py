@@ -69,21 +69,24 @@ def normal_gravity(lat: ArrayLike, height: ArrayLike) -> FloatArray:
     lat = np.asarray(lat, dtype=np.float64)
     height = np.asarray(height, dtype=np.float64)
     above = WGS84.normal_gravity((np.zeros_like(lat), np.degrees(lat), np.maximum(height, 0.0))) * 1e-5
-    return np.asarray(above) + 0.22246e-5 * np.maximum(-height, 0.0)
+    gravity: FloatArray = np.asarray(above) + 0.22246e-5 * np.maximum(-height, 0.0)
+    return gravity
 
 
 def gravity_n(origin: Origin, p_n: ArrayLike) -> FloatArray:
     """Gravity vector in n at positions p_n, shape (..., 3), m/s^2, centrifugal force included."""
     lat, lon, height = geodetic_from_ned(origin, p_n)
     down = R_n_local(origin, lat, lon)[..., :, 2]
-    return down * normal_gravity(lat, height)[..., None]
+    g: FloatArray = down * normal_gravity(lat, height)[..., None]
+    return g
 
 
 def matrix_from_rph(rph: ArrayLike) -> FloatArray:
     """Rotation body to local NED, shape (..., 3, 3), of roll, pitch, heading [rad], shape (..., 3)."""
     angles = np.asarray(rph, dtype=np.float64)
     flat = Rotation.from_euler("ZYX", angles.reshape(-1, 3)[:, ::-1]).as_matrix()
-    return flat.reshape(*angles.shape[:-1], 3, 3)
+    R: FloatArray = flat.reshape(*angles.shape[:-1], 3, 3)
+    return R
 
 
 def rph_from_matrix(R: ArrayLike) -> FloatArray:

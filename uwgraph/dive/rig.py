@@ -1,8 +1,8 @@
 """The rig: where the sensors sit, how noisy they are, and how their clocks differ.
 
 Unknown keys are errors. Angles are degrees in the file (names end in ``_deg``) and radians in code. A sensor's
-``rotation_deg`` is roll, pitch, yaw of R_bs (sensor to body); ``translation_m`` is the sensor's place in the body frame,
-whose origin is the IMU. ``time_offset_s`` is added to a sensor's stamps to get the dive's clock.
+``rotation_deg`` is roll, pitch, yaw of R_bs (sensor to body); ``translation_m`` is the sensor's place in the body
+frame, whose origin is the IMU. ``time_offset_s`` is added to a sensor's stamps to get the dive's clock.
 """
 
 from __future__ import annotations

@@ -89,9 +89,8 @@ def _freedom(problem: Problem, linear: gtsam.GaussianFactorGraph, key: int, d: i
     kind, index = chr(gtsam.symbolChr(key)), gtsam.symbolIndex(key)
     name = "DVL calibration" if key == DVL_CALIBRATION else f"{KINDS[kind]} {index}"
     time = isoformat(int(problem.keyframes[index])) if kind != "c" else "all times"
-    on_it = sorted(
-        {_kind_of(problem.graph.at(i)) for i in range(problem.graph.size()) if key in problem.graph.at(i).keys()}
-    )
+    graph = [problem.graph.at(i) for i in range(problem.graph.size())]
+    on_it = sorted({_kind_of(factor) for factor in graph if key in list(factor.keys())})
     return Freedom(name, time, DIRECTIONS[kind][d], strength, tuple(on_it))
 
 

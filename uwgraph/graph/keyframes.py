@@ -52,7 +52,8 @@ def _snap(grid: TimeArray, pings: TimeArray, reach: int) -> TimeArray:
     nearest = np.where(inner - left <= after - inner, left, after)
     snapped = np.where(np.abs(nearest - inner) <= reach, nearest, inner)
     stamps = np.unique(np.concatenate([grid[:1], snapped, grid[-1:]]))
-    return stamps[(stamps >= grid[0]) & (stamps <= grid[-1])]
+    within: TimeArray = stamps[(stamps >= grid[0]) & (stamps <= grid[-1])]
+    return within
 
 
 def nearest_keyframe(keyframes: TimeArray, t_ns: TimeArray) -> TimeArray:

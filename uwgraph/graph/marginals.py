@@ -1,8 +1,9 @@
 """Covariances of all variables in one backward pass over the eliminated graph.
 
-The sparse-inverse recursion (Takahashi 1973; Bjorck, Numerical Methods for Least Squares Problems, 6.7.4): a conditional
-R x_F + S x_P = d gives Sigma_FP = -R^-1 S Sigma_PP and Sigma_FF = (R^T R)^-1 + R^-1 S Sigma_PP S^T R^-T. Every Sigma_PP
-that is needed lies within the clique of the parent that was eliminated first, so nothing outside the cliques is formed.
+The sparse-inverse recursion (Takahashi 1973; Bjorck, Numerical Methods for Least Squares Problems, 6.7.4): a
+conditional R x_F + S x_P = d gives Sigma_FP = -R^-1 S Sigma_PP and Sigma_FF = (R^T R)^-1 + R^-1 S Sigma_PP S^T R^-T.
+Every Sigma_PP that is needed lies within the clique of the parent that was eliminated first, so nothing outside the
+cliques is formed.
 """
 
 from __future__ import annotations
@@ -11,9 +12,12 @@ from collections.abc import Mapping
 
 import gtsam
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg.lapack import dtrtri
 
 from uwgraph.types import FloatArray
+
+IndexArray = NDArray[np.intp]
 
 
 def marginal_covariances(bayes_net: gtsam.GaussianBayesNet) -> Mapping[int, FloatArray]:
@@ -32,7 +36,7 @@ def marginal_covariances(bayes_net: gtsam.GaussianBayesNet) -> Mapping[int, Floa
     conditionals = [bayes_net.at(i) for i in range(bayes_net.size())]
     order = {c.firstFrontalKey(): i for i, c in enumerate(conditionals)}
     clique: dict[int, FloatArray] = {}
-    columns: dict[int, dict[int, FloatArray]] = {}
+    columns: dict[int, dict[int, IndexArray]] = {}
     marginals: dict[int, FloatArray] = {}
     waiting = _last_use(conditionals, order)
     for conditional in reversed(conditionals):
@@ -73,8 +77,8 @@ def _inverse(conditional: gtsam.GaussianConditional) -> FloatArray:
 
 
 def _columns(
-    key: int, d: int, parents: list[int], columns: Mapping[int, Mapping[int, FloatArray]]
-) -> dict[int, FloatArray]:
+    key: int, d: int, parents: list[int], columns: Mapping[int, Mapping[int, IndexArray]]
+) -> dict[int, IndexArray]:
     """Where each variable of a clique stands in its joint covariance."""
     place = {key: np.arange(d)}
     offset = d

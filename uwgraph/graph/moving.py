@@ -87,5 +87,5 @@ def _point(track: Track, t_ns: TimeArray, lever_b: FloatArray) -> FloatArray:
 def _weighted_mean(k: IndexArray, value: FloatArray, weight: FloatArray) -> tuple[IndexArray, FloatArray, FloatArray]:
     """Keyframes that have samples, their weighted mean and summed weight."""
     keyframe, group = np.unique(k, return_inverse=True)
-    total = np.bincount(group, weight)
+    total = np.bincount(group, weight).astype(np.float64)
     return keyframe, np.bincount(group, weight * value) / total, total

@@ -83,7 +83,7 @@ def track_of(dive: Dive, solution: Solution) -> Track:
 
 
 def resample(dive: Dive, solution: Solution, t_ns: TimeArray) -> Solution:
-    """The solution at any stamps within it: the IMU turns the attitude, covariances are those of the keyframe before."""
+    """The solution at any stamps within it: the IMU turns the attitude, covariances are the last keyframe's."""
     track = track_of(dive, solution)
     k = np.clip(np.searchsorted(solution.t_ns, t_ns, side="right") - 1, 0, len(solution) - 1)
     return replace(
