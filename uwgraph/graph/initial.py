@@ -56,12 +56,14 @@ def initial_state(prepared: Prepared, settings: SmoothSettings) -> Initial:
     t0 = int(prepared.imu.t_ns[0])
     rp = level(prepared, t0)
     levelled = matrix_from_rph(np.array([rp[0], rp[1], 0.0]))
-    track = dead_reckon(prepared, t0, levelled, np.zeros(3))
+    cov_level = np.diag([LEVELLING_SIGMA, LEVELLING_SIGMA, 0.0]) ** 2
+    track = dead_reckon(prepared, t0, levelled, np.zeros(3), levelled.T @ cov_level @ levelled, heading_aids=False)
     heading, sigma, source = _heading(prepared, settings, track)
     R = matrix_from_rph(np.array([rp[0], rp[1], heading]))
-    p, sigma_p, p_source = _position(prepared, settings, dead_reckon(prepared, t0, R, np.zeros(3)))
     cov_n = np.diag([LEVELLING_SIGMA, LEVELLING_SIGMA, sigma]) ** 2
-    return Initial(t0, R, p, R.T @ cov_n @ R, sigma_p, f"heading from {source}, position from {p_source}")
+    cov_b = R.T @ cov_n @ R
+    p, sigma_p, p_source = _position(prepared, settings, dead_reckon(prepared, t0, R, np.zeros(3), cov_b))
+    return Initial(t0, R, p, cov_b, sigma_p, f"heading from {source}, position from {p_source}")
 
 
 def level(prepared: Prepared, t0_ns: int) -> FloatArray:

@@ -28,7 +28,7 @@ Progress = Callable[[str, float], None]
 """Called with the name of the stage and how far it is, 0 to 1."""
 
 MAX_ROUNDS = 3
-MOVED_M = 50.0
+MOVED_M = 200.0
 MOVED_RAD = np.radians(2.0)
 """A solution further than this from the track it was linearised about makes another round."""
 
@@ -52,15 +52,15 @@ def smooth(dive: Dive, settings: SmoothSettings | None = None, progress: Progres
     prepared = prepare(dive)
     initial = initial_state(prepared, settings)
     keyframes = schedule(prepared, settings, initial.t_ns, int(prepared.imu.t_ns[-1]))
-    track = dead_reckon(prepared, initial.t_ns, initial.R_nb, initial.p_n)
+    track = dead_reckon(prepared, initial.t_ns, initial.R_nb, initial.p_n, initial.cov_rotation_b)
     for _ in range(MAX_ROUNDS):
         tell("building the graph", 0.0)
         problem = build(prepared, settings, initial, keyframes, track)
         solved = _solve(problem, settings, tell)
         solution = _solution(prepared, keyframes, solved.values)
-        moved, track = _moved(track, solution), track_of(dive, solution)
-        if not moved:
+        if not _moved(track, solution):
             break
+        track = _track(prepared, solution)
     if settings.covariances:
         tell("covariances", 0.0)
         solution = with_covariances(solution, problem, solved.values)
@@ -77,14 +77,14 @@ def _solve(problem: Problem, settings: SmoothSettings, tell: Progress) -> Solved
         raise SolveError(failure.problem, where=diagnosis.where, remedy=diagnosis.remedy) from None
 
 
-def track_of(dive: Dive, solution: Solution) -> Track:
+def _track(prepared: Prepared, solution: Solution) -> Track:
     """The solution as a track that can be asked at any time within it."""
-    return Track(prepare(dive), solution.t_ns, solution.R_nb, solution.p_n, solution.v_n, solution.bias_gyro)
+    return Track(prepared, solution.t_ns, solution.R_nb, solution.p_n, solution.v_n, solution.bias_gyro)
 
 
 def resample(dive: Dive, solution: Solution, t_ns: TimeArray) -> Solution:
     """The solution at any stamps within it: the IMU turns the attitude, covariances are the last keyframe's."""
-    track = track_of(dive, solution)
+    track = _track(prepare(dive), solution)
     k = np.clip(np.searchsorted(solution.t_ns, t_ns, side="right") - 1, 0, len(solution) - 1)
     return replace(
         solution,

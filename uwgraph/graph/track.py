@@ -7,13 +7,19 @@ millimetres whatever its drift.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
+from scipy.spatial.transform import Rotation
 
 from factors.lie import exp_so3
+from uwgraph.graph.attitude import STEP_S, aided_attitude
 from uwgraph.graph.prepare import Prepared
 from uwgraph.types import FloatArray, TimeArray
+
+IndexArray = NDArray[np.intp]
 
 RECKONING_PERIOD_S = 0.1
 
@@ -35,15 +41,34 @@ class Track:
     """Shape (3,) or (M, 3), rad/s."""
 
     def rotation_at(self, t_ns: TimeArray) -> FloatArray:
-        """R_nb: the grid's attitude before, turned by the gyro less its bias and the Earth, shape (N, 3, 3)."""
+        """R_nb: the grid's attitude before, turned by the gyro less its bias and the Earth, shape (N, 3, 3).
+
+        What the gyro lacks to reach the next grid point is spread evenly over the step, so that nothing jumps.
+        """
         t_ns = np.asarray(t_ns)
         k = np.clip(np.searchsorted(self.t_ns, t_ns, side="right") - 1, 0, len(self.t_ns) - 1)
+        share = (t_ns - self.t_ns[k]) / np.append(np.diff(self.t_ns), 1)[k]
+        R: FloatArray = self._turned(k, t_ns) @ exp_so3(share[:, None] * self._lack[k])
+        return R
+
+    def _turned(self, k: IndexArray, t_ns: TimeArray) -> FloatArray:
+        """Attitude of grid point k turned by the gyro to another time."""
         dt = ((t_ns - self.t_ns[k]) * 1e-9)[:, None]
-        imu = self.prepared.imu
-        turned = np.swapaxes(imu.rotation_at(self.t_ns), 1, 2)[k] @ imu.rotation_at(t_ns)
+        turned = np.swapaxes(self._gyro, 1, 2)[k] @ self.prepared.imu.rotation_at(t_ns)
         bias = np.broadcast_to(self.bias_gyro, (len(self.t_ns), 3))[k]
         R: FloatArray = exp_so3(-self.prepared.earth_rate_n * dt) @ self.R_nb[k] @ turned @ exp_so3(-bias * dt)
         return R
+
+    @cached_property
+    def _gyro(self) -> FloatArray:
+        return self.prepared.imu.rotation_at(self.t_ns)
+
+    @cached_property
+    def _lack(self) -> FloatArray:
+        """Rotation vector from the turned grid point to the next one, zero after the last, shape (M, 3), rad."""
+        k = np.arange(len(self.t_ns) - 1)
+        miss = np.swapaxes(self._turned(k, self.t_ns[1:]), 1, 2) @ self.R_nb[1:]
+        return np.concatenate([Rotation.from_matrix(miss).as_rotvec(), np.zeros((1, 3))])
 
     def heading_at(self, t_ns: TimeArray) -> FloatArray:
         """Heading against n's north, shape (N,), rad."""
@@ -64,22 +89,36 @@ class Track:
         return np.column_stack([np.interp(t, grid, self.v_n[:, i]) for i in range(3)])
 
 
-def dead_reckon(prepared: Prepared, start_ns: int, R_start: FloatArray, p_start: FloatArray) -> Track:
-    """Gyro attitude on the turning Earth and DVL velocity, from a known attitude and position.
+def dead_reckon(
+    prepared: Prepared,
+    start_ns: int,
+    R_start: FloatArray,
+    p_start: FloatArray,
+    cov_b: FloatArray,
+    *,
+    heading_aids: bool = True,
+) -> Track:
+    """Aided attitude and DVL velocity from a known attitude (covariance ``cov_b`` in the body) and position.
 
-    Where there is no DVL the nearest velocity is held. R_nb(t) = Exp(-w_ie (t - t_0)) R_nb(t_0) dR(t_0, t) is exact for
-    a frame that turns with the Earth.
+    Where there is no DVL the nearest velocity is held. Without ``heading_aids`` sun and compass are left out: the
+    heading is then the gyro's from ``R_start`` on.
     """
-    imu = prepared.imu
-    step = max(round(RECKONING_PERIOD_S * 1e9), int(np.median(np.diff(imu.t_ns))))
-    t = np.append(np.arange(imu.t_ns[0], imu.t_ns[-1], step), imu.t_ns[-1])
-    dR = imu.rotation_at(np.array([start_ns]))[0].T @ imu.rotation_at(t)
-    R = exp_so3(-prepared.earth_rate_n * ((t - start_ns) * 1e-9)[:, None]) @ (R_start @ dR)
+    end = int(prepared.imu.t_ns[-1])
+    steps = _grid(start_ns, end, STEP_S)
+    attitude = aided_attitude(prepared, steps, R_start, cov_b, body_velocity(prepared, steps), heading_aids)
+    zeros = np.zeros((len(steps), 3))
+    turning = Track(prepared, steps, attitude.R_nb, zeros, zeros, attitude.bias_gyro)
+    t = _grid(start_ns, end, RECKONING_PERIOD_S)
+    R = turning.rotation_at(t)
     v_n = np.einsum("kij,kj->ki", R, body_velocity(prepared, t))
     dt = np.diff(t) * 1e-9
-    p = np.concatenate([np.zeros((1, 3)), np.cumsum((v_n[1:] + v_n[:-1]) / 2.0 * dt[:, None], axis=0)])
-    track = Track(prepared, t, R, p, v_n)
-    return Track(prepared, t, R, p - track.position_at(np.array([start_ns])) + p_start, v_n)
+    way = np.concatenate([np.zeros((1, 3)), np.cumsum((v_n[1:] + v_n[:-1]) / 2.0 * dt[:, None], axis=0)])
+    return Track(prepared, t, R, p_start + way, v_n)
+
+
+def _grid(start_ns: int, end_ns: int, period_s: float) -> TimeArray:
+    """Stamps from start to end, both included."""
+    return np.append(np.arange(start_ns, end_ns, round(period_s * 1e9)), end_ns)
 
 
 def body_velocity(prepared: Prepared, t_ns: TimeArray) -> FloatArray:
