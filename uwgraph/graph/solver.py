@@ -70,6 +70,8 @@ def solve(problem: Problem, settings: SmoothSettings, progress: Callable[[float]
             if np.isfinite(new_error) and new_error <= error * (1.0 + 1e-12) + 1e-9:
                 break
             damping = max(10.0 * damping, FIRST_DAMPING)
+            if damping > LAST_DAMPING and number == 1:
+                raise SolveError("no step lowers the error of the first guess")
             if damping > LAST_DAMPING:
                 return Solved(values, tuple(trace), True, "no step lowers the error any more")
         step = float(np.abs(delta.vector()).max())
