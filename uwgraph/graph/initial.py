@@ -62,7 +62,8 @@ def initial_state(prepared: Prepared, settings: SmoothSettings) -> Initial:
     R = matrix_from_rph(np.array([rp[0], rp[1], heading]))
     cov_n = np.diag([LEVELLING_SIGMA, LEVELLING_SIGMA, sigma]) ** 2
     cov_b = R.T @ cov_n @ R
-    p, sigma_p, p_source = _position(prepared, settings, dead_reckon(prepared, t0, R, np.zeros(3), cov_b))
+    turn = matrix_from_rph(np.array([0.0, 0.0, heading]))
+    p, sigma_p, p_source = _position(prepared, settings, track, turn)
     return Initial(t0, R, p, cov_b, sigma_p, f"heading from {source}, position from {p_source}")
 
 
@@ -143,8 +144,13 @@ def _course_heading(prepared: Prepared, track: Track) -> float | None:
     return float(np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum()))
 
 
-def _position(prepared: Prepared, settings: SmoothSettings, track: Track) -> tuple[FloatArray, FloatArray, str]:
-    """Position at the start from the fixes nearest to it, else from the origin; depth from the depth sensor."""
+def _position(
+    prepared: Prepared, settings: SmoothSettings, track: Track, turn: FloatArray
+) -> tuple[FloatArray, FloatArray, str]:
+    """Position at the start from the first fix, else from the origin; depth from the depth sensor.
+
+    ``turn`` rotates the track, which was reckoned with heading zero, to the heading found.
+    """
     p = np.zeros(3)
     sigma = np.full(3, settings.position_sigma_m)
     source = "the origin of the dive"
@@ -152,7 +158,7 @@ def _position(prepared: Prepared, settings: SmoothSettings, track: Track) -> tup
         first = prepared.fixes.select(slice(0, 1))
         height = np.nan_to_num(first.height)
         fix = ned_from_geodetic(prepared.origin, first.lat, first.lon, height)[0]
-        p[:2] = (fix - track.position_at(first.t_ns)[0])[:2]
+        p[:2] = (fix - turn @ track.position_at(first.t_ns)[0])[:2]
         sigma[:] = UNKNOWN_POSITION_SIGMA
         source = f"the first fix ({first.source[0]})"
     if prepared.depth is not None:

@@ -30,17 +30,17 @@ def _regular(start_ns: int, end_ns: int, period: int) -> TimeArray:
 
 
 def _split_turns(prepared: Prepared, grid: TimeArray, limit: float) -> TimeArray:
-    """Split every interval in which the gyro turned by more than ``limit`` [rad] into equal parts."""
+    """Split every interval in which the gyro turned by more than ``limit`` [rad] into parts of equal turn."""
     imu = prepared.imu
-    step = np.linalg.norm(imu.w_b, axis=1) * np.diff(imu.t_ns) * 1e-9
-    turned = np.interp(grid, imu.t_ns, np.concatenate([[0.0], np.cumsum(step)]))
-    parts = np.maximum(np.ceil(np.diff(turned) / limit), 1).astype(np.int64)
-    if parts.max() == 1:
-        return grid
-    pieces = [
-        np.linspace(a, b, n, endpoint=False).astype(np.int64) for a, b, n in zip(grid, grid[1:], parts, strict=False)
-    ]
-    return np.concatenate([*pieces, grid[-1:]])
+    t, edges = (imu.t_ns - grid[0]) * 1e-9, (grid - grid[0]) * 1e-9
+    steps = np.linalg.norm(imu.w_b, axis=1) * np.diff(t)
+    so_far = np.concatenate([[0.0], np.cumsum(steps)])
+    turned = np.interp(edges, t, so_far)
+    parts = np.ceil(np.diff(turned) / limit - 1e-9).astype(np.int64)
+    angles = [np.linspace(a, b, n + 1)[1:-1] for a, b, n in zip(turned, turned[1:], parts, strict=False) if n > 1]
+    cuts = np.interp(np.concatenate([[], *angles]), so_far, t)
+    stamps: TimeArray = np.unique(np.concatenate([grid, grid[0] + np.rint(cuts * 1e9).astype(np.int64)]))
+    return stamps
 
 
 def _snap(grid: TimeArray, pings: TimeArray, reach: int) -> TimeArray:
