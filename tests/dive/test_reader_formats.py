@@ -50,7 +50,7 @@ def make_snapir(folder: Path, seconds: int = 60) -> Path:
 
 
 def test_snapir_conversions(tmp_path: Path) -> None:
-    dive = snapir.read(make_snapir(tmp_path / "run"))
+    dive = snapir.read(make_snapir(tmp_path / "run", seconds=200))
     assert dive.imu is not None
     assert dive.dvl is not None
     assert dive.depth is not None

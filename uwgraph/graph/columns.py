@@ -1,11 +1,16 @@
-"""Column norms of a linear system, by variable."""
+"""Column norms of a linear system, by variable, and damping in proportion to them."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import gtsam
 import numpy as np
 
 from uwgraph.types import FloatArray
+
+SMALLEST_NORM = 1e-6
+"""A column without any factor counts as this long."""
 
 
 def column_norms(linear: gtsam.GaussianFactorGraph, values: gtsam.Values) -> dict[int, FloatArray]:
@@ -20,3 +25,14 @@ def column_norms(linear: gtsam.GaussianFactorGraph, values: gtsam.Values) -> dic
             squares[key] += columns[:width]
             columns = columns[width:]
     return {key: np.sqrt(s) for key, s in squares.items()}
+
+
+def damped(
+    linear: gtsam.GaussianFactorGraph, norms: Mapping[int, FloatArray], damping: float
+) -> gtsam.GaussianFactorGraph:
+    """The system with sqrt(damping) times the root of the information's diagonal added to every variable."""
+    system = linear.clone()
+    for key, norm in norms.items():
+        A = np.diag(np.sqrt(damping) * np.maximum(norm, SMALLEST_NORM))
+        system.push_back(gtsam.JacobianFactor(key, A, np.zeros(len(A)), gtsam.noiseModel.Unit.Create(len(A))))
+    return system

@@ -12,7 +12,7 @@ import gtsam
 import numpy as np
 
 from uwgraph.graph.builder import DVL_CALIBRATION, Problem
-from uwgraph.graph.columns import column_norms
+from uwgraph.graph.columns import SMALLEST_NORM, column_norms, damped
 from uwgraph.time import isoformat
 
 DIRECTIONS = {
@@ -24,6 +24,8 @@ DIRECTIONS = {
 KINDS = {"x": "pose", "v": "velocity", "b": "IMU bias", "c": "DVL calibration"}
 SINGULAR = 1e-10
 """A direction that keeps less than this part of its column's length is not measured."""
+HELD = 1e-13
+"""Every column is held by this part of its length: a row of R that vanished would keep what it knows of later ones."""
 
 
 @dataclass(frozen=True)
@@ -69,16 +71,16 @@ class Diagnosis:
 def diagnose(problem: Problem) -> Diagnosis:
     """Find the directions that a graph leaves free at its first guess."""
     linear = problem.linearize(problem.values)
-    bayes_net = linear.eliminateSequential(problem.ordering(linear), gtsam.EliminateQR)
     norms = column_norms(linear, problem.values)
+    held = damped(linear, norms, HELD**2)
+    bayes_net = held.eliminateSequential(problem.ordering(held), gtsam.EliminateQR)
     freedoms = []
     weakest = 1.0
     for i in range(bayes_net.size()):
         conditional = bayes_net.at(i)
         key = conditional.firstFrontalKey()
         R = np.abs(np.diag(conditional.R()))
-        strength = np.zeros(len(norms[key]))
-        strength[: len(R)] = R / np.maximum(norms[key][: len(R)], 1e-300)
+        strength = R / np.maximum(norms[key], SMALLEST_NORM)
         weakest = min(weakest, float(strength.min()))
         freedoms += [_freedom(problem, linear, key, d, s) for d, s in enumerate(strength) if not s > SINGULAR]
     freedoms.sort(key=lambda f: f.strength)

@@ -15,7 +15,7 @@ import numpy as np
 
 from uwgraph.errors import SolveError
 from uwgraph.graph.builder import Problem
-from uwgraph.graph.columns import column_norms
+from uwgraph.graph.columns import column_norms, damped
 from uwgraph.graph.settings import SmoothSettings
 
 FIRST_DAMPING = 1e-4
@@ -90,7 +90,7 @@ def solve(problem: Problem, settings: SmoothSettings, progress: Callable[[float]
 def _step(
     linear: gtsam.GaussianFactorGraph, ordering: gtsam.Ordering, values: gtsam.Values, damping: float
 ) -> gtsam.VectorValues:
-    system = linear if damping == 0.0 else _damped(linear, values, damping)
+    system = linear if damping == 0.0 else damped(linear, column_norms(linear, values), damping)
     try:
         delta = system.eliminateMultifrontal(ordering, gtsam.EliminateQR).optimize()
     except RuntimeError as failure:
@@ -98,12 +98,3 @@ def _step(
     if not np.isfinite(delta.vector()).all():
         raise SolveError("the linear system has no unique solution")
     return delta
-
-
-def _damped(linear: gtsam.GaussianFactorGraph, values: gtsam.Values, damping: float) -> gtsam.GaussianFactorGraph:
-    """The system with sqrt(damping) times the root of the information's diagonal added to every variable."""
-    damped = linear.clone()
-    for key, norms in column_norms(linear, values).items():
-        A = np.diag(np.sqrt(damping) * np.maximum(norms, 1e-6))
-        damped.push_back(gtsam.JacobianFactor(key, A, np.zeros(len(A)), gtsam.noiseModel.Unit.Create(len(A))))
-    return damped
