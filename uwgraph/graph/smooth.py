@@ -64,6 +64,8 @@ def smooth(dive: Dive, settings: SmoothSettings | None = None, progress: Progres
     if settings.covariances:
         tell("covariances", 0.0)
         solution = with_covariances(solution, problem, solved.values)
+        if not all(np.isfinite(c).all() for c in (solution.cov_pose, solution.cov_v, solution.cov_bias)):
+            raise _unsolvable(problem, "the covariance is not finite: the graph has no unique solution")
     tell("done", 1.0)
     info = _info(problem, solved, initial, time.monotonic() - started)
     return replace(solution, info=info)
@@ -73,8 +75,13 @@ def _solve(problem: Problem, settings: SmoothSettings, tell: Progress) -> Solved
     try:
         return solve(problem, settings, lambda done: tell("solving", done))
     except SolveError as failure:
-        diagnosis = diagnose(problem)
-        raise SolveError(failure.problem, where=diagnosis.where, remedy=diagnosis.remedy) from None
+        raise _unsolvable(problem, failure.problem) from None
+
+
+def _unsolvable(problem: Problem, what: str) -> SolveError:
+    """The failure with the variable, its time and the direction that nothing measures."""
+    diagnosis = diagnose(problem)
+    return SolveError(what, where=diagnosis.where, remedy=diagnosis.remedy)
 
 
 def _track(prepared: Prepared, solution: Solution) -> Track:
