@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from factors.lie import cumulative_rotation, exp_so3
 from uwgraph.dive.rig import ImuRig
 from uwgraph.types import FloatArray, Imu
 
@@ -24,7 +25,7 @@ class InertialTrack:
     turn_b: FloatArray
     """Integral of the angular rate in body axes, shape (N, 3), rad."""
     q_ib: FloatArray
-    """Attitude at the stamps, quaternions xyzw, shape (N, 4)."""
+    """Attitude at the stamps, quaternions xyzw without jumps of sign, shape (N, 4)."""
     dv_i: FloatArray
     """Integral of the specific force in frame i, shape (N, 3), m/s."""
     dp_i: FloatArray
@@ -53,44 +54,13 @@ def inertial_track(imu: Imu, rig: ImuRig | None = None) -> InertialTrack:
     R_bs = (rig or ImuRig()).R_bs
     f_b, w_b, t = imu.f_s @ R_bs.T, imu.w_s @ R_bs.T, imu.t_s
     dt = np.diff(t, prepend=t[0])[:, None]
-    q_ib = _cumulative_product(Rotation.from_rotvec(w_b * dt).as_quat())
+    q_ib = Rotation.from_matrix(cumulative_rotation(exp_so3(w_b * dt))[1:]).as_quat()
+    q_ib[1:] *= np.cumprod(np.where((q_ib[1:] * q_ib[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))[:, None]
     middle = Rotation.from_quat(q_ib) * Rotation.from_rotvec(-0.5 * w_b * dt)
     step = middle.apply(f_b) * dt
     dv = np.cumsum(step, axis=0)
     dp = np.cumsum((dv - 0.5 * step) * dt, axis=0)
     return InertialTrack(t, np.cumsum(w_b * dt, axis=0), q_ib, dv, dp)
-
-
-def _cumulative_product(q: FloatArray) -> FloatArray:
-    """q_1, q_1 q_2, q_1 q_2 q_3, ...: within rows of a square table for all rows at once, then row upon row."""
-    side = int(np.ceil(np.sqrt(len(q))))
-    table = np.tile([0.0, 0.0, 0.0, 1.0], (side * side, 1))
-    table[: len(q)] = q
-    table = table.reshape(side, side, 4)
-    for column in range(1, side):
-        table[:, column] = _product(table[:, column - 1], table[:, column])
-    before = np.empty((side, 1, 4))
-    before[0] = [0.0, 0.0, 0.0, 1.0]
-    for row in range(1, side):
-        before[row] = _product(before[row - 1], table[row - 1, -1:])
-    product = _product(before, table).reshape(-1, 4)[: len(q)]
-    unit: FloatArray = product / np.linalg.norm(product, axis=1, keepdims=True)
-    return unit
-
-
-def _product(p: FloatArray, q: FloatArray) -> FloatArray:
-    """Quaternion product, xyzw."""
-    px, py, pz, pw = np.moveaxis(p, -1, 0)
-    qx, qy, qz, qw = np.moveaxis(q, -1, 0)
-    return np.stack(
-        [
-            pw * qx + px * qw + py * qz - pz * qy,
-            pw * qy - px * qz + py * qw + pz * qx,
-            pw * qz + px * qy - py * qx + pz * qw,
-            pw * qw - px * qx - py * qy - pz * qz,
-        ],
-        axis=-1,
-    )
 
 
 def _interpolate(t: FloatArray, knots: FloatArray, values: FloatArray) -> FloatArray:
