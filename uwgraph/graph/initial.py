@@ -101,7 +101,7 @@ def _heading(prepared: Prepared, settings: SmoothSettings, track: Track) -> tupl
     if prepared.heading is not None:
         turn = track.heading_at(prepared.heading.t_ns[:10])
         return _circular_mean(prepared.heading.heading[:10] - turn), UNKNOWN_HEADING_SIGMA, "the compass"
-    if prepared.sun is not None:
+    if prepared.sun is not None and (prepared.sun.flags == 0).any():
         return _sun_heading(prepared, track), UNKNOWN_HEADING_SIGMA, "the sun"
     course = _course_heading(prepared, track)
     if course is not None:
@@ -117,7 +117,7 @@ def _heading(prepared: Prepared, settings: SmoothSettings, track: Track) -> tupl
 def _sun_heading(prepared: Prepared, track: Track) -> float:
     sun = prepared.sun
     assert sun is not None
-    head = sun.select(slice(0, 10))
+    head = sun.select(np.flatnonzero(sun.flags == 0)[:10])
     lat, lon = prepared.origin.lat, prepared.origin.lon
     s_n = sun_direction_n(prepared.origin, head.t_ns, lat, lon)
     seen = np.einsum("kij,kj->ki", track.rotation_at(head.t_ns), head.s_b)
