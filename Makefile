@@ -20,9 +20,19 @@ lint: setup
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# Every script of benchmarks/ that needs no recording; the others take the data folder as an argument.
+# Figures of benchmarks/: those on simulated dives, then those on recordings where they are there.
+DATA  ?= $(or $(UWGRAPH_DATA),../shared/data)
+BENCH := OMP_NUM_THREADS=1 $(BIN)/python benchmarks
+
 bench: setup
-	@for script in $(wildcard benchmarks/[a-z]*.py); do echo "== $$script"; $(BIN)/python $$script || exit 1; done
+	$(BENCH)/speed.py
+	$(BENCH)/lowering.py
+	$(BENCH)/consistency.py
+	$(BENCH)/sun_value.py --simulated
+	@test -d $(DATA) || echo "no recordings in $(DATA): name their folder with DATA=..."
+	test ! -d $(DATA)/snapir || $(BENCH)/snapir.py $(DATA)/snapir
+	test ! -d $(DATA)/snapir || $(BENCH)/sun_value.py $(DATA)/snapir
+	test ! -d $(DATA)/euroc || $(BENCH)/euroc.py $(DATA)/euroc
 
 setup: $(READY)
 
