@@ -77,7 +77,7 @@ def aided_attitude(
     aids = _aids(prepared, t_ns) if heading_aids else {}
 
     R, bias, P = R_start, np.zeros(3), np.zeros((6, 6))
-    P[:3, :3], P[3:, 3:] = cov_b, rig.gyro_bias_sigma**2 * np.eye(3)
+    P[:3, :3], P[3:, 3:] = cov_b, prepared.rest.sigma**2 * np.eye(3)
     walk = np.repeat([rig.gyro_noise_density**2, rig.gyro_bias_walk**2], 3)
     attitudes, biases = [R], [bias]
     for k, step in enumerate(dt):

@@ -68,6 +68,8 @@ class Place:
     lon: FloatArray
     depth: FloatArray
     gravity_n: FloatArray
+    bias: gtsam.imuBias.ConstantBias
+    """The track's mean bias: samples are preintegrated about it."""
 
 
 def build(
@@ -122,7 +124,9 @@ def _places(prepared: Prepared, keyframes: TimeArray, track: Track) -> Place:
     p = track.position_at(keyframes)
     lat, lon, height = geodetic_from_ned(prepared.origin, p)
     R_local = R_n_local(prepared.origin, lat, lon)
-    return Place(p, track.rotation_at(keyframes), R_local, lat, lon, -height, gravity_n(prepared.origin, p))
+    gyro = np.broadcast_to(track.bias_gyro, (len(track.t_ns), 3)).mean(axis=0)
+    bias = gtsam.imuBias.ConstantBias(np.zeros(3), gyro)
+    return Place(p, track.rotation_at(keyframes), R_local, lat, lon, -height, gravity_n(prepared.origin, p), bias)
 
 
 def _priors(prepared: Prepared, initial: Initial, track: Track) -> list[gtsam.NonlinearFactor]:
@@ -132,12 +136,13 @@ def _priors(prepared: Prepared, initial: Initial, track: Track) -> list[gtsam.No
     cov[:3, :3] = initial.cov_rotation_b
     cov[3:, 3:] = initial.R_nb.T @ np.diag(initial.sigma_p**2) @ initial.R_nb
     bias_sigma = np.repeat([imu.accel_bias_sigma, imu.gyro_bias_sigma], 3)
+    no_bias = gtsam.imuBias.ConstantBias(np.zeros(3), -prepared.rest.bias_gyro)
     velocity = track.velocity_at(np.array([initial.t_ns]))[0]
     noise = gtsam.noiseModel
     return [
         gtsam.PriorFactorPose3(X(0), pose, noise.Gaussian.Covariance(cov)),
         gtsam.PriorFactorVector(V(0), velocity, noise.Isotropic.Sigma(3, VELOCITY_SIGMA)),
-        gtsam.PriorFactorConstantBias(B(0), gtsam.imuBias.ConstantBias(), noise.Diagonal.Sigmas(bias_sigma)),
+        gtsam.PriorFactorConstantBias(B(0), no_bias, noise.Diagonal.Sigmas(bias_sigma)),
     ]
 
 
@@ -149,7 +154,7 @@ def _imu(prepared: Prepared, keyframes: TimeArray, place: Place) -> list[gtsam.N
         for g, p in zip(place.gravity_n[:-1], place.p_n[:-1], strict=True)
     ]
     imu = prepared.imu
-    pims = factors.preintegrate(params, imu.t_ns[1:], imu.f_b, imu.w_b, keyframes, gtsam.imuBias.ConstantBias())
+    pims = factors.preintegrate(params, imu.t_ns[1:], imu.f_b, imu.w_b, keyframes, place.bias)
     return [factors.imu_factor((X(k), V(k), X(k + 1), V(k + 1), B(k), B(k + 1)), pim) for k, pim in enumerate(pims)]
 
 
@@ -265,9 +270,8 @@ def _sun(
 def _first_guess(keyframes: TimeArray, track: Track, place: Place) -> gtsam.Values:
     values = gtsam.Values()
     v_n = track.velocity_at(keyframes)
-    bias = gtsam.imuBias.ConstantBias()
     for k, (R, p, v) in enumerate(zip(place.R_nb, place.p_n, v_n, strict=True)):
         values.insert(X(k), gtsam.Pose3(gtsam.Rot3(R), p))
         values.insert(V(k), v)
-        values.insert(B(k), bias)
+        values.insert(B(k), place.bias)
     return values

@@ -16,6 +16,7 @@ from factors.lie import cumulative_rotation, exp_so3
 from uwgraph.dive import Dive
 from uwgraph.errors import DataError
 from uwgraph.frames import earth_rate_n
+from uwgraph.graph.rest import Rest, rest_at_start
 from uwgraph.types import Depth, Fixes, FloatArray, Heading, Imu, Origin, Reference, Sun, TimeArray
 
 S = TypeVar("S", Sun, Reference, Depth, Fixes, Heading)
@@ -72,6 +73,8 @@ class Prepared:
 
     dive: Dive
     imu: BodyImu
+    """The bias at rest is already taken off its rates."""
+    rest: Rest
     dvl: BodyDvl | None
     depth: Depth | None
     fixes: Fixes | None
@@ -99,12 +102,16 @@ def prepare(dive: Dive) -> Prepared:
     if dive.imu is None or len(dive.imu) < 2:
         raise DataError("the dive has no IMU samples", where="imu", remedy="smoothing needs imu.parquet or imu.csv")
     rig = dive.rig
-    imu = body_imu(dive.imu, rig.imu.R_bs, rig.imu.time_offset_ns)
-    span = (imu.t_ns[0], imu.t_ns[-1])
+    raw = body_imu(dive.imu, rig.imu.R_bs, rig.imu.time_offset_ns)
+    span = (raw.t_ns[0], raw.t_ns[-1])
+    dvl = _body_dvl(dive, span)
+    rest = _rest(raw, dvl, rig.imu.gyro_bias_sigma)
+    imu = replace(raw, w_b=raw.w_b - rest.bias_gyro)
     return Prepared(
         dive=dive,
         imu=imu,
-        dvl=_body_dvl(dive, span),
+        rest=rest,
+        dvl=dvl,
         depth=_inside(_filled(dive.depth, rig.depth.sigma, rig.depth.time_offset_ns), span),
         fixes=_inside(_fixes(dive), span),
         heading=_inside(_heading(dive), span),
@@ -118,6 +125,12 @@ def body_imu(imu: Imu, R_bs: FloatArray, offset_ns: int) -> BodyImu:
     t = imu.t_ns + offset_ns
     first = t[0] - int(np.median(np.diff(t)))
     return BodyImu(np.concatenate([[first], t]), imu.f_s @ R_bs.T, imu.w_s @ R_bs.T)
+
+
+def _rest(imu: BodyImu, dvl: BodyDvl | None, bias_sigma: float) -> Rest:
+    if dvl is None:
+        return rest_at_start(imu.t_ns, imu.w_b, imu.t_ns[:0], np.zeros(0), bias_sigma)
+    return rest_at_start(imu.t_ns, imu.w_b, dvl.t_ns, np.linalg.norm(dvl.v_b, axis=1), bias_sigma)
 
 
 def _body_dvl(dive: Dive, span: tuple[int, int]) -> BodyDvl | None:

@@ -86,7 +86,8 @@ def _unsolvable(problem: Problem, what: str) -> SolveError:
 
 def _track(prepared: Prepared, solution: Solution) -> Track:
     """The solution as a track that can be asked at any time within it."""
-    return Track(prepared, solution.t_ns, solution.R_nb, solution.p_n, solution.v_n, solution.bias_gyro)
+    bias = solution.bias_gyro - prepared.rest.bias_gyro
+    return Track(prepared, solution.t_ns, solution.R_nb, solution.p_n, solution.v_n, bias)
 
 
 def resample(dive: Dive, solution: Solution, t_ns: TimeArray) -> Solution:
@@ -135,7 +136,7 @@ def _solution(prepared: Prepared, keyframes: TimeArray, values: gtsam.Values) ->
         R_nb=poses[:, :3, :3],
         p_n=poses[:, :3, 3],
         v_n=np.array([values.atVector(V(k)) for k in range(K)]),
-        bias_gyro=bias[:, 3:],
+        bias_gyro=bias[:, 3:] + prepared.rest.bias_gyro,
         bias_accel=bias[:, :3],
         cov_pose=np.full((K, 6, 6), np.nan),
         cov_v=np.full((K, 3, 3), np.nan),

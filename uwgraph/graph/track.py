@@ -113,7 +113,7 @@ def dead_reckon(
     v_n = np.einsum("kij,kj->ki", R, body_velocity(prepared, t))
     dt = np.diff(t) * 1e-9
     way = np.concatenate([np.zeros((1, 3)), np.cumsum((v_n[1:] + v_n[:-1]) / 2.0 * dt[:, None], axis=0)])
-    return Track(prepared, t, R, p_start + way, v_n)
+    return Track(prepared, t, R, p_start + way, v_n, attitude.bias_gyro[np.searchsorted(steps, t, side="right") - 1])
 
 
 def _grid(start_ns: int, end_ns: int, period_s: float) -> TimeArray:

@@ -1,0 +1,63 @@
+"""A rest at the start tells the gyro bias: what a vehicle on deck or at the quay gives for nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uwgraph.types import FloatArray, TimeArray
+
+REST_SPEED = 0.05
+"""m/s; a DVL that reads less is at rest."""
+REST_RATE = 2e-3
+"""rad/s; at rest the mean rates of consecutive seconds differ by less."""
+REST_SIGMA = 1e-3
+"""rad/s; how well a rest tells the bias, vibration included."""
+REST_SECONDS = 2
+POSSIBLE = 5.0
+"""Sigmas of the rig; a mean rate beyond is a motion, not a bias."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """What the start of a dive says of the gyro bias."""
+
+    bias_gyro: FloatArray
+    """Shape (3,), rad/s; zero where the vehicle does not rest."""
+    sigma: float
+    """1-sigma of it, rad/s."""
+
+
+def rest_at_start(
+    t_ns: TimeArray, w_b: FloatArray, speed_t_ns: TimeArray, speed: FloatArray, bias_sigma: float
+) -> Rest:
+    """Mean rate over the seconds at the start in which it stays the same and no DVL reads a speed.
+
+    Parameters
+    ----------
+    t_ns, w_b
+        Edges of the IMU's samples, shape (N + 1,), and rates, shape (N, 3), rad/s.
+    speed_t_ns, speed
+        Stamps and speed over the ground of the DVL, shape (P,) each, m/s; empty where there is none.
+    bias_sigma
+        1-sigma that the rig states for the bias, rad/s.
+    """
+    none = Rest(np.zeros(3), bias_sigma)
+    if bias_sigma < REST_SIGMA:
+        return none
+    rates: list[FloatArray] = []
+    for second in range(int((t_ns[-1] - t_ns[0]) * 1e-9)):
+        begin, end = t_ns[0] + np.array([second, second + 1]) * 1_000_000_000
+        rate = w_b[slice(*np.searchsorted(t_ns[1:], [begin, end], side="right"))]
+        pings = speed[(speed_t_ns > begin) & (speed_t_ns <= end)]
+        if not len(rate) or (pings > REST_SPEED).any():
+            break
+        rates.append(rate.mean(axis=0))
+        if np.abs(rates[-1] - rates[0]).max() > REST_RATE:
+            rates.pop()
+            break
+    bias = np.mean(rates, axis=0) if len(rates) >= REST_SECONDS else np.zeros(3)
+    if not bias.any() or np.linalg.norm(bias) > POSSIBLE * bias_sigma:
+        return none
+    return Rest(bias, REST_SIGMA)
