@@ -32,7 +32,7 @@ RESULTS = Path(__file__).parent / "results"
 PROCESSES = 2
 
 T = TypeVar("T")
-Row = Mapping[str, Any]
+Row = dict[str, Any]
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,8 @@ def nees_of(mission: str, seed: int) -> Row:
 def consistency(seeds: int) -> tuple[list[Row], list[Figure]]:
     tasks = [(mission, seed) for mission in MISSIONS for seed in range(seeds)]
     found = in_processes(nees_of, tasks)
-    rows, figures = [], []
+    rows: list[Row] = []
+    figures: list[Figure] = []
     for i, mission in enumerate(MISSIONS):
         runs = found[i * seeds : (i + 1) * seeds]
 

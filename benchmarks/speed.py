@@ -71,7 +71,7 @@ def stages(dive: Dive, settings: SmoothSettings) -> tuple[dict[str, float], Solu
 
 def rows_of(runs: Mapping[str, Sequence[dict[str, float]]]) -> list[Row]:
     """A row of stage medians for every kind of run."""
-    rows = []
+    rows: list[Row] = []
     for name, spent in runs.items():
         whole = Timing.of([s["whole"] for s in spent])
         medians = {stage: Timing.of([s.get(stage, 0.0) for s in spent]).median for stage in STAGES}

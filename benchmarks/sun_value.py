@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 from _bench import Figure, Row, finish, in_processes, parser, runs_of  # isort: skip
 import numpy as np
@@ -27,7 +28,7 @@ from uwgraph.simulate import SimulationSettings, add_sun_heading, degrade_imu, s
 START = SmoothSettings(initial="reference", covariances=False)
 SIGMA_DEG, RATE_HZ = 0.5, 1.0
 SIMULATED_S = 1800.0
-PATTERNS = ("lawnmower", "transit")
+PATTERNS: tuple[Literal["lawnmower", "transit"], ...] = ("lawnmower", "transit")
 
 
 def errors(dive: Dive) -> tuple[float, float]:
@@ -71,7 +72,7 @@ def real(folder: Path, seeds: int) -> Row:
     }
 
 
-def simulated(pattern: str, seed: int) -> tuple[float, float, float, float]:
+def simulated(pattern: Literal["lawnmower", "transit"], seed: int) -> tuple[float, float, float, float]:
     """Heading and position RMSE without and with the sun, of one simulated dive."""
     dive = simulate(SimulationSettings(pattern=pattern, duration_s=SIMULATED_S, grade="mems"), seed)
     return (*errors(replace(dive, sun=None)), *errors(dive))
@@ -101,7 +102,8 @@ def on_recordings(folders: list[Path], seeds: int) -> tuple[list[Row], list[Figu
 def on_simulations(seeds: int) -> tuple[list[Row], list[Figure], Row]:
     tasks = [(pattern, seed) for pattern in PATTERNS for seed in range(seeds)]
     found = np.array(in_processes(simulated, tasks)).reshape(len(PATTERNS), seeds, 4)
-    rows, figures = [], []
+    rows: list[Row] = []
+    figures: list[Figure] = []
     for pattern, each in zip(PATTERNS, found, strict=True):
         heading_0, position_0, heading_1, position_1 = each.T
         ratio = position_0 / position_1
