@@ -81,6 +81,14 @@ def test_lever_arms_of_all_sensors() -> None:
         assert errors(truth, smooth(mounted, REFERENCE))[0] > 0.05, sensor
 
 
+def test_pings_once_a_second_in_turns() -> None:
+    """Between such pings only the accelerometer knows that the way bends."""
+    truth = noise_free(dvl=DvlModel(rate_hz=1.0), turn_rate_deg_s=9.0)
+    position, attitude = errors(truth, smooth(truth.dive, REFERENCE))
+    assert position < 0.02
+    assert attitude < 0.01
+
+
 def test_a_minute_without_dvl() -> None:
     truth = noise_free(dvl=DvlModel(lost_s=((100.0, 160.0),)))
     solution = smooth(truth.dive, REFERENCE)
