@@ -13,6 +13,7 @@ from uwgraph.graph.builder import Problem, build
 from uwgraph.graph.initial import initial_state
 from uwgraph.graph.keyframes import schedule
 from uwgraph.graph.prepare import BodyDvl, BodyImu, Prepared, prepare
+from uwgraph.graph.rest import Rest
 from uwgraph.graph.track import Track
 from uwgraph.simulate import SimulationSettings, simulate, trajectory_of
 from uwgraph.simulate.trajectory import Trajectory
@@ -66,7 +67,8 @@ class Truth:
 
 def hand_made(imu: BodyImu, dvl: BodyDvl | None = None) -> Prepared:
     """A prepared dive of an IMU and perhaps a DVL, and nothing else."""
-    return Prepared(Dive(ORIGIN), imu, dvl, depth=None, fixes=None, heading=None, sun=None, reference=None)
+    rest = Rest(np.zeros(3), 1e-5)
+    return Prepared(Dive(ORIGIN), imu, rest, dvl, depth=None, fixes=None, heading=None, sun=None, reference=None)
 
 
 def turned(R: FloatArray, S: FloatArray) -> FloatArray:
