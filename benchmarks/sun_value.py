@@ -20,8 +20,7 @@ import numpy as np
 
 from uwgraph.dive import Dive
 from uwgraph.dive.importing import read_recording
-from uwgraph.dive.rig import ReferenceRig
-from uwgraph.evaluate import body_reference, judge
+from uwgraph.evaluate import judge
 from uwgraph.graph import SmoothSettings, smooth
 from uwgraph.simulate import SimulationSettings, add_sun_heading, degrade_imu, simulate
 
@@ -37,17 +36,9 @@ def errors(dive: Dive) -> tuple[float, float]:
     return m["heading_rmse_deg"], m["horizontal_rmse_m"]
 
 
-def on_one_clock(dive: Dive) -> Dive:
-    """The reference on the dive's clock and of the body's origin, so that a sensor simulated along it is so too.
-
-    The reference's stamps are off by half a second: 4 deg of heading in a turn.
-    """
-    return replace(dive, reference=body_reference(dive), rig=dive.rig.model_copy(update={"reference": ReferenceRig()}))
-
-
 def real(folder: Path, seeds: int) -> Row:
     """One recording, all seeds."""
-    recorded = on_one_clock(read_recording(folder)[0])
+    recorded = read_recording(folder)[0]
     heading_fog, position_fog = errors(recorded)
     without, with_sun = [], []
     for seed in range(seeds):

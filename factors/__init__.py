@@ -21,7 +21,7 @@ from factors.inertial import (
 )
 from factors.place import RelativePose
 from factors.position import PositionFix
-from factors.sun import Direction, SunScatter
+from factors.sun import Direction, SunScatter, sun_scatter_factors
 
 __all__ = [
     "CALIBRATION_DIM",
@@ -49,4 +49,5 @@ __all__ = [
     "preintegrate",
     "preintegration_params",
     "rotation_history",
+    "sun_scatter_factors",
 ]

@@ -34,6 +34,18 @@ class Displacements:
         """Interval ``k`` as a measurement."""
         return DvlDisplacement(self.d_start[k], self.dR[k], self.cov_start[k])
 
+    def lowered(
+        self, keys: Sequence[tuple[int, int]], intervals: Sequence[int], loss: Loss | None = None
+    ) -> list[gtsam.NonlinearFactor]:
+        """:meth:`DvlDisplacement.lowered` of many intervals at once, one a pair of keys."""
+        index = np.asarray(intervals, dtype=np.intp)
+        S = np.zeros((len(index), 6, 6))
+        S[:, 3:, 3:] = np.linalg.inv(np.linalg.cholesky(self.cov_start[index])) @ self.dR[index]
+        return [
+            gtsam.BetweenFactorPose3(i, j, gtsam.Pose3(gtsam.Rot3(R), d), robust(gaussian(s), loss))
+            for (i, j), R, d, s in zip(keys, self.dR[index], self.d_start[index], S, strict=True)
+        ]
+
 
 def displacements(
     t_ns: TimeArray,

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import gtsam
 import numpy as np
@@ -48,6 +49,18 @@ class ImuNoise:
     integration_sigma: float = 1e-5
     """m/sqrt(s), position noise of the integration itself: small, and there to keep the covariance regular."""
 
+    @cached_property
+    def covariances(self) -> tuple[FloatArray, ...]:
+        """Squared densities as matrices, in the order of the fields, shape (3, 3) each."""
+        densities = (
+            self.gyro_noise_density,
+            self.accel_noise_density,
+            self.gyro_bias_walk,
+            self.accel_bias_walk,
+            self.integration_sigma,
+        )
+        return tuple(density**2 * np.eye(3) for density in densities)
+
 
 def preintegration_params(
     noise: ImuNoise, gravity_n: ArrayLike, earth_rate_n: ArrayLike, p_n: ArrayLike = (0.0, 0.0, 0.0)
@@ -67,22 +80,21 @@ def preintegration_params(
     w = np.asarray(earth_rate_n, dtype=np.float64)
     params = gtsam.PreintegrationCombinedParams(_gravitation(gravity_n, w, p_n))
     params.setOmegaCoriolis(w)
-    for setter, density in (
-        (params.setGyroscopeCovariance, noise.gyro_noise_density),
-        (params.setAccelerometerCovariance, noise.accel_noise_density),
-        (params.setBiasOmegaCovariance, noise.gyro_bias_walk),
-        (params.setBiasAccCovariance, noise.accel_bias_walk),
-        (params.setIntegrationCovariance, noise.integration_sigma),
-    ):
-        setter(density**2 * np.eye(3))
+    gyro, accel, gyro_walk, accel_walk, integration = noise.covariances
+    params.setGyroscopeCovariance(gyro)
+    params.setAccelerometerCovariance(accel)
+    params.setBiasOmegaCovariance(gyro_walk)
+    params.setBiasAccCovariance(accel_walk)
+    params.setIntegrationCovariance(integration)
     return params
 
 
 def _gravitation(gravity_n: ArrayLike, earth_rate_n: ArrayLike, p_n: ArrayLike) -> FloatArray:
     """Gravity without the centrifugal force of turning about the origin of n."""
     w = np.asarray(earth_rate_n, dtype=np.float64)
-    W = skew(w)
-    return np.asarray(np.asarray(gravity_n, dtype=np.float64) + W @ W @ np.asarray(p_n, dtype=np.float64))
+    p = np.asarray(p_n, dtype=np.float64)
+    centrifugal: FloatArray = w * (w @ p) - p * (w @ w)
+    return np.asarray(gravity_n, dtype=np.float64) + centrifugal
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,12 +14,12 @@ from factors.lie import FloatArray
 
 
 def sqrt_information(information: ArrayLike, rank: int | None = None) -> FloatArray:
-    """S with S^T S = information, shape (n, n), by eigendecomposition.
+    """S with S^T S = information, shape (..., n, n), by eigendecomposition.
 
     Parameters
     ----------
     information
-        Symmetric positive semidefinite, shape (n, n). Negative eigenvalues are rounding and count as zero.
+        Symmetric positive semidefinite, shape (..., n, n). Negative eigenvalues are rounding and count as zero.
     rank
         Where given, only the ``rank`` largest eigenvalues are kept; the others become exactly zero.
 
@@ -32,11 +32,11 @@ def sqrt_information(information: ArrayLike, rank: int | None = None) -> FloatAr
     if not np.isfinite(information).all():
         raise ValueError("the information matrix is not finite")
     values, Q = np.linalg.eigh(information)
-    if values[0] < -1e-6 * max(values[-1], 0.0) or values[-1] < 0.0:
-        raise ValueError(f"the information matrix has a negative eigenvalue, {values[0]:.3g}")
+    if np.any(values[..., 0] < -1e-6 * np.maximum(values[..., -1], 0.0)) or np.any(values[..., -1] < 0.0):
+        raise ValueError(f"the information matrix has a negative eigenvalue, {values[..., 0].min():.3g}")
     if rank is not None:
-        values[: len(values) - rank] = 0.0
-    S: FloatArray = np.sqrt(np.maximum(values, 0.0))[:, None] * Q.T
+        values[..., : values.shape[-1] - rank] = 0.0
+    S: FloatArray = np.sqrt(np.maximum(values, 0.0))[..., :, None] * np.swapaxes(Q, -1, -2)
     return S
 
 

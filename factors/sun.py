@@ -43,6 +43,17 @@ class SunScatter(Measurement):
         return gtsam.MagPoseFactorPose3(keys[0], ZERO, 1.0, self.s_n, ZERO, robust(self.noise(), loss))
 
 
+def sun_scatter_factors(
+    keys: Sequence[int], information_b: FloatArray, s_n: FloatArray, loss: Loss | None = None
+) -> list[gtsam.NonlinearFactor]:
+    """:meth:`SunScatter.lowered` for many at once: one observation a key, shapes (N, 3, 3) and (N, 3)."""
+    roots = sqrt_information(information_b, rank=2)
+    return [
+        gtsam.MagPoseFactorPose3(key, ZERO, 1.0, s, ZERO, robust(gaussian(S), loss))
+        for key, S, s in zip(keys, roots, s_n, strict=True)
+    ]
+
+
 @dataclass(frozen=True, eq=False)
 class Direction(Measurement):
     """A measured direction, with elevation and azimuth weighted apart.

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from uwgraph.dive import Dive
-from uwgraph.evaluate import body_reference, judge, metrics
+from uwgraph.dive.body_reference import body_reference
+from uwgraph.evaluate import judge, metrics
 from uwgraph.evaluate.judge import judging_stamps
 from uwgraph.frames import matrix_from_rph
 from uwgraph.graph import SmoothSettings, smooth

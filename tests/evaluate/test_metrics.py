@@ -10,12 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from uwgraph.dive.body_reference import body_reference
 from uwgraph.dive.model import Dive
 from uwgraph.dive.rig import ReferenceRig, Rig
 from uwgraph.errors import ConfigError
 from uwgraph.evaluate.metrics import compare, metrics, nees_bounds
 from uwgraph.evaluate.people import people, rph_jacobian
-from uwgraph.evaluate.reference import body_reference, reference_at
+from uwgraph.evaluate.reference import reference_at
 from uwgraph.frames import matrix_from_rph, rph_from_matrix, wrap_pi
 from uwgraph.types import Reference
 

@@ -149,7 +149,7 @@ def test_a_reference_that_is_not_there_is_refused(truth: Truth) -> None:
         first(only(truth.dive, "sun"), SmoothSettings(initial="reference"))
     assert truth.dive.reference is not None
     blind = replace(truth.dive.reference, rph=np.full_like(truth.dive.reference.rph, np.nan))
-    with pytest.raises(InitialisationError, match="no attitude"):
+    with pytest.raises(InitialisationError, match="no full pose"):
         first(replace(truth.dive, reference=blind), SmoothSettings(initial="reference"))
 
 

@@ -61,7 +61,7 @@ def test_stamps_increase_from_the_first_to_the_last_without_long_gaps(
 def test_keyframes_stand_on_pings_wherever_one_is_near(period_s: float, pings_s: FloatArray) -> None:
     prepared = vehicle(20.0, 0.0, pings_s)
     assert prepared.dvl is not None
-    k = keyframes_of(prepared, keyframe_period_s=period_s)[1:-1]
+    k = keyframes_of(prepared, keyframe_period_s=period_s)[1:-2]  # the last inner one may be close to the end
     distance = np.abs(k[:, None] - prepared.dvl.t_ns[None, :]).min(axis=1)
     assert ((distance == 0) | (distance > round(period_s * 1e9) // 2)).all()
 

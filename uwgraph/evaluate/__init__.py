@@ -5,7 +5,7 @@ from uwgraph.evaluate.judge import Judged, judge
 from uwgraph.evaluate.metrics import Comparison, Metrics, compare, metrics, nees, nees_bounds
 from uwgraph.evaluate.output import write_solution
 from uwgraph.evaluate.people import People, people
-from uwgraph.evaluate.reference import ReferenceAt, body_reference, reference_at
+from uwgraph.evaluate.reference import ReferenceAt, reference_at
 from uwgraph.evaluate.table import solution_table, trajectory_tum
 
 __all__ = [
@@ -15,7 +15,6 @@ __all__ = [
     "Metrics",
     "People",
     "ReferenceAt",
-    "body_reference",
     "compare",
     "judge",
     "metrics",

@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
+from uwgraph.dive.body_reference import body_reference
 from uwgraph.dive.model import Dive
 from uwgraph.evaluate.align import Alignment
 from uwgraph.evaluate.metrics import metrics
-from uwgraph.evaluate.reference import body_reference
 from uwgraph.graph import resample
 from uwgraph.types import Reference, Solution, TimeArray
 

@@ -149,9 +149,9 @@ def _priors(prepared: Prepared, initial: Initial, track: Track) -> list[gtsam.No
 def _imu(prepared: Prepared, keyframes: TimeArray, place: Place) -> list[gtsam.NonlinearFactor]:
     rig = prepared.dive.rig.imu
     noise = factors.ImuNoise(rig.gyro_noise_density, rig.accel_noise_density, rig.gyro_bias_walk, rig.accel_bias_walk)
+    gravity, p_n = (0.5 * (x[1:] + x[:-1]) for x in (place.gravity_n, place.p_n))
     params = [
-        factors.preintegration_params(noise, g, prepared.earth_rate_n, p)
-        for g, p in zip(place.gravity_n[:-1], place.p_n[:-1], strict=True)
+        factors.preintegration_params(noise, g, prepared.earth_rate_n, p) for g, p in zip(gravity, p_n, strict=True)
     ]
     imu = prepared.imu
     pims = factors.preintegrate(params, imu.t_ns[1:], imu.f_b, imu.w_b, keyframes, place.bias)
@@ -177,11 +177,11 @@ def _dvl(
         l_b=np.zeros(3) if calibrated else rig.l_b,
         max_gap_s=rig.max_gap_s,
     )
-    measured = replace(measured, d_start=measured.d_start + _bend(prepared.imu, dvl.t_ns, keyframes))
+    measured = replace(measured, d_start=measured.d_start + _bend(prepared.imu, rig.l_b, dvl.t_ns, keyframes))
     k = np.flatnonzero(measured.valid).tolist()
     if not calibrated:
         robust = loss(3)
-        return [measured.measurement(i).lowered((X(i), X(i + 1)), robust) for i in k], []
+        return measured.lowered([(X(i), X(i + 1)) for i in k], k, robust), []
     R_mid = np.swapaxes(R_keys[:-1], 1, 2) @ track.rotation_at((keyframes[1:] + keyframes[:-1]) // 2)
     block = factors.CalibratedDisplacements(
         [X(i) for i in k],
@@ -196,9 +196,10 @@ def _dvl(
     return [], [block]
 
 
-def _bend(imu: BodyImu, pings: TimeArray, keyframes: TimeArray) -> FloatArray:
-    """How the way between pings bends, in the axes of each interval's first keyframe, shape (K - 1, 3)."""
-    bend_g = factors.inertial_bend(imu.t_ns, imu.velocity, pings, keyframes)
+def _bend(imu: BodyImu, l_b: FloatArray, pings: TimeArray, keyframes: TimeArray) -> FloatArray:
+    """How the DVL's way between pings bends, in the axes of each interval's first keyframe, shape (K - 1, 3)."""
+    around = np.gradient(imu.rotation @ l_b, (imu.t_ns - imu.t_ns[0]) * 1e-9, axis=0) if l_b.any() else 0.0
+    bend_g = factors.inertial_bend(imu.t_ns, imu.velocity + around, pings, keyframes)
     R_gb = imu.rotation_at(keyframes[:-1])
     bend: FloatArray = (np.swapaxes(R_gb, 1, 2) @ bend_g[:, :, None])[..., 0]
     return bend
@@ -261,10 +262,7 @@ def _sun(
     k = at.keyframe
     s_n = sun_direction_n(prepared.origin, t_ns, place.lat[k], place.lon[k])
     robust = loss(2)
-    return [
-        factors.SunScatter(information, s).lowered((X(i),), robust)
-        for i, information, s in zip(k.tolist(), at.spread, s_n, strict=True)
-    ]
+    return factors.sun_scatter_factors([X(i) for i in k.tolist()], at.spread, s_n, robust)
 
 
 def _first_guess(keyframes: TimeArray, track: Track, place: Place) -> gtsam.Values:

@@ -80,9 +80,9 @@ def level(prepared: Prepared, t0_ns: int) -> FloatArray:
 
 def _from_reference(prepared: Prepared, settings: SmoothSettings) -> Initial:
     ref = prepared.reference
-    if ref is None or not np.isfinite(ref.rph[0]).all():
+    if ref is None or not np.isfinite([*ref.rph[0], ref.lat[0], ref.lon[0], ref.height[0]]).all():
         raise InitialisationError(
-            "the first state was to come from the reference, which has no attitude within the IMU's span",
+            "the first state was to come from the reference, which has no full pose at its start within the IMU's span",
             where="reference",
             remedy="leave out --initial reference, or give the heading with --heading-deg",
         )

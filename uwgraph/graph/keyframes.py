@@ -18,7 +18,7 @@ def schedule(prepared: Prepared, settings: SmoothSettings, start_ns: int, end_ns
     grid = _regular(start_ns, end_ns, period)
     grid = _split_turns(prepared, grid, np.radians(settings.keyframe_turn_deg))
     if prepared.dvl is not None:
-        grid = _snap(grid, prepared.dvl.t_ns, reach=period // 2)
+        grid = _snap(grid, prepared.dvl.t_ns)
     return grid
 
 
@@ -43,9 +43,10 @@ def _split_turns(prepared: Prepared, grid: TimeArray, limit: float) -> TimeArray
     return stamps
 
 
-def _snap(grid: TimeArray, pings: TimeArray, reach: int) -> TimeArray:
-    """Move inner grid points to the nearest ping within ``reach``; ends stay, and nobody is counted twice."""
-    inner = grid[1:-1]
+def _snap(grid: TimeArray, pings: TimeArray) -> TimeArray:
+    """Move inner grid points to the nearest ping within half their spacing; ends stay, nobody is counted twice."""
+    inner, spacing = grid[1:-1], np.diff(grid)
+    reach = np.minimum(spacing[:-1], spacing[1:]) // 2
     right = np.clip(np.searchsorted(pings, inner), 1, max(len(pings) - 1, 1))
     left = pings[right - 1]
     after = pings[np.minimum(right, len(pings) - 1)]

@@ -57,11 +57,11 @@ def marginal_covariances(bayes_net: gtsam.GaussianBayesNet) -> Mapping[int, Floa
             joint[d:, :d] = joint[:d, d:].T
             Sigma_F = R_inv @ R_inv.T - G @ joint[d:, :d]
             joint[:d, :d] = 0.5 * (Sigma_F + Sigma_F.T)  # an asymmetry of one rounding would grow exponentially
-        marginals[key] = joint[:d, :d]
+        marginals[key] = joint[:d, :d].copy()
         clique[key] = joint
-        columns[key] = _columns(key, d, parents, columns)
+        columns[key] = _columns(key, d, parents, marginals)
         for done in waiting.get(key, ()):
-            del clique[done]
+            del clique[done], columns[done]
     return marginals
 
 
@@ -76,14 +76,12 @@ def _inverse(conditional: gtsam.GaussianConditional) -> FloatArray:
     return result
 
 
-def _columns(
-    key: int, d: int, parents: list[int], columns: Mapping[int, Mapping[int, IndexArray]]
-) -> dict[int, IndexArray]:
+def _columns(key: int, d: int, parents: list[int], marginals: Mapping[int, FloatArray]) -> dict[int, IndexArray]:
     """Where each variable of a clique stands in its joint covariance."""
     place = {key: np.arange(d)}
     offset = d
     for p in parents:
-        width = len(columns[p][p])
+        width = len(marginals[p])
         place[p] = np.arange(offset, offset + width)
         offset += width
     return place
@@ -91,11 +89,13 @@ def _columns(
 
 def _last_use(conditionals: list[gtsam.GaussianConditional], order: Mapping[int, int]) -> Mapping[int, list[int]]:
     """Which cliques nobody asks for any more after each variable: memory stays that of the widest front."""
-    last: dict[int, int] = {}
+    last = {c.firstFrontalKey(): c.firstFrontalKey() for c in conditionals}
     for conditional in conditionals:
         keys = conditional.keys()
         if len(keys) > 1:
-            last.setdefault(min(keys[1:], key=order.__getitem__), keys[0])
+            nearest = min(keys[1:], key=order.__getitem__)
+            if last[nearest] == nearest:
+                last[nearest] = keys[0]
     waiting: dict[int, list[int]] = {}
     for clique, user in last.items():
         waiting.setdefault(user, []).append(clique)

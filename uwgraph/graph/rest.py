@@ -32,14 +32,16 @@ class Rest:
 def rest_at_start(
     t_ns: TimeArray, w_b: FloatArray, speed_t_ns: TimeArray, speed: FloatArray, bias_sigma: float
 ) -> Rest:
-    """Mean rate over the seconds at the start in which it stays the same and no DVL reads a speed.
+    """Mean rate over the seconds at the start in which it stays the same and the DVL reads no speed.
+
+    Without a DVL there is no rest: a steady turn looks the same to the IMU.
 
     Parameters
     ----------
     t_ns, w_b
         Edges of the IMU's samples, shape (N + 1,), and rates, shape (N, 3), rad/s.
     speed_t_ns, speed
-        Stamps and speed over the ground of the DVL, shape (P,) each, m/s; empty where there is none.
+        Stamps and speed over the ground of the DVL, shape (P,) each, m/s.
     bias_sigma
         1-sigma that the rig states for the bias, rad/s.
     """
@@ -51,7 +53,7 @@ def rest_at_start(
         begin, end = t_ns[0] + np.array([second, second + 1]) * 1_000_000_000
         rate = w_b[slice(*np.searchsorted(t_ns[1:], [begin, end], side="right"))]
         pings = speed[(speed_t_ns > begin) & (speed_t_ns <= end)]
-        if not len(rate) or (pings > REST_SPEED).any():
+        if not len(rate) or not len(pings) or (pings > REST_SPEED).any():
             break
         rates.append(rate.mean(axis=0))
         if np.abs(rates[-1] - rates[0]).max() > REST_RATE:

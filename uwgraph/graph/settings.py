@@ -11,7 +11,7 @@ class SmoothSettings(Settings):
     """Settings of :func:`uwgraph.graph.smooth`; every default suits a tactical to MEMS grade AUV."""
 
     keyframe_period_s: Positive = 1.0
-    """Longest time between two keyframes."""
+    """Usual time between keyframes; moved to the DVL's pings, two can be up to twice as far apart."""
     keyframe_turn_deg: Positive = 30.0
     """A turn larger than this makes a keyframe of its own."""
     initial: Literal["auto", "reference"] = "auto"

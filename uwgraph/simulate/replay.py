@@ -9,6 +9,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline, PPoly
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from uwgraph.dive import Dive
+from uwgraph.dive.body_reference import body_reference
 from uwgraph.errors import DataError
 from uwgraph.frames import R_n_local, matrix_from_rph, ned_from_geodetic
 from uwgraph.types import FloatArray, Origin
@@ -30,19 +31,22 @@ class ReferenceMotion:
 
     @classmethod
     def of(cls, dive: Dive) -> ReferenceMotion:
-        """The motion of the dive's reference, over the samples where position and attitude are known.
+        """The motion of the body origin as the dive's reference tells it, over the samples with position and attitude.
 
         Raises
         ------
         DataError
             When there is no reference, or fewer than two such samples, or stamps that do not increase.
         """
-        if dive.reference is None:
+        of_body = body_reference(dive)
+        if of_body is None:
             raise DataError(
-                "the dive has no reference to simulate along", where="reference", remedy="add reference.parquet"
+                "the dive has no reference (two samples at least) to simulate along",
+                where="reference",
+                remedy="add reference.parquet",
             )
-        known = np.isfinite(np.column_stack([dive.reference.lat, dive.reference.lon, dive.reference.height]))
-        reference = dive.reference.select(known.all(axis=1) & np.isfinite(dive.reference.rph).all(axis=1))
+        known = np.isfinite(np.column_stack([of_body.lat, of_body.lon, of_body.height]))
+        reference = of_body.select(known.all(axis=1) & np.isfinite(of_body.rph).all(axis=1))
         if len(reference) < 2:
             raise DataError(
                 "the reference knows position and attitude together at fewer than two times",
