@@ -17,7 +17,8 @@ from __future__ import annotations
 from _bench import Figure, Row, finish, in_processes, parser  # isort: skip
 import numpy as np
 
-from uwgraph.evaluate import body_reference, compare, judge, nees, nees_bounds
+from uwgraph.dive.body_reference import body_reference
+from uwgraph.evaluate import compare, judge, nees, nees_bounds
 from uwgraph.graph import SmoothSettings, smooth
 from uwgraph.simulate import DepthModel, DvlModel, SimulationSettings, SunModel, simulate
 
@@ -111,11 +112,17 @@ def noise_free(imu_hz: float, other_hz: float, period_s: float) -> Row:
 
 def discretisation() -> tuple[list[Row], list[Figure]]:
     rows = in_processes(noise_free, RATES)
-    slow, fast = rows[0], rows[1]
+    slow, fast, all_fast = rows[0], rows[1], rows[3]
     return rows, [
         Figure("noise-free, 100 Hz: largest position error [m]", slow["position_max_m"], 0.02),
         Figure("noise-free, 100 Hz: largest heading error [deg]", slow["heading_max_deg"], 0.01),
         Figure("noise-free: position, 100 over 200 Hz", slow["position_max_m"] / fast["position_max_m"], 3.5, True),
+        Figure(
+            "noise-free: position, IMU and DVL at 100 and 5 over 200 and 10 Hz",
+            slow["position_max_m"] / all_fast["position_max_m"],
+            3.5,
+            True,
+        ),
         Figure("noise-free: heading, 100 over 200 Hz", slow["heading_max_deg"] / fast["heading_max_deg"], 3.5, True),
     ]
 
