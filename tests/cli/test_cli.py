@@ -192,3 +192,20 @@ def test_demo_from_start_to_picture(tmp_path: Path) -> None:
     assert figures["heading_rmse_deg"] < 0.2
     assert figures["final_error_percent"] < 1.0
     assert (tmp_path / "demo/result/track.png").is_file()
+
+
+def test_simulate_on_a_dive_degrades_and_adds(dive: Path, tmp_path: Path) -> None:
+    made = tmp_path / "aided"
+    done = run("simulate", made, "--on", dive, "--grade", "mems", "--add", "sun-heading", "--add", "depth")
+    assert done.returncode == 0, done.stderr
+    aided, plain = read_dive(made), read_dive(dive)
+    assert aided.heading is not None
+    assert plain.heading is None
+    assert set(aided.provenance["simulated"]) == {"imu", "heading", "depth"}
+    assert aided.rig.imu.gyro_noise_density > plain.rig.imu.gyro_noise_density
+
+
+@pytest.mark.parametrize("options", [("--add", "dvl"), ("--on", "anywhere", "--pattern", "helix")])
+def test_simulate_on_refuses_what_does_not_go_together(tmp_path: Path, options: tuple[str, ...]) -> None:
+    told(run("simulate", tmp_path / "dive", *options), 2, "--on")
+    assert not list(tmp_path.iterdir())
