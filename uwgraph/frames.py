@@ -63,8 +63,8 @@ def earth_rate_n(origin: Origin) -> FloatArray:
 def normal_gravity(lat: ArrayLike, height: ArrayLike) -> FloatArray:
     """Normal gravity [m/s^2] at latitude [rad] and height [m], in free air above the sea and in water below.
 
-    Below the surface the gradient is that of sea water, 0.3086 - 4 pi G rho = 0.22246 mGal/m (rho = 1027 kg/m^3):
-    see docs in SCIENCE, B6.2.
+    Below the surface the gradient is the free-air one less that of the water, 0.3086 - 4 pi G rho = 0.22246 mGal/m
+    (rho = 1027 kg/m^3; Poincare-Prey reduction, Hofmann-Wellenhof & Moritz, Physical Geodesy, 3.5).
     """
     lat = np.asarray(lat, dtype=np.float64)
     height = np.asarray(height, dtype=np.float64)

@@ -68,7 +68,7 @@ def initial_state(prepared: Prepared, settings: SmoothSettings) -> Initial:
 
 
 def level(prepared: Prepared, t0_ns: int) -> FloatArray:
-    """Roll and pitch from the mean specific force over the first seconds (B0 of the science notes), shape (2,)."""
+    """Roll and pitch from the mean specific force over the first seconds, shape (2,), rad."""
     imu = prepared.imu
     end = t0_ns + round(LEVELLING_S * 1e9)
     index = (imu.t_ns[1:] > t0_ns) & (imu.t_ns[1:] <= end)
