@@ -11,12 +11,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import gtsam
 import numpy as np
 
 from factors.adapter import Loss, Measurement
 from factors.lie import FloatArray, skew
+
+
+class ScalarLoss(Protocol):
+    """A robust loss of GTSAM, as its concrete classes show it."""
+
+    def loss(self, distance: float, /) -> float: ...
+    def weight(self, distance: float, /) -> float: ...
+
 
 CALIBRATION_DIM = 4
 """Scale error, then misalignment about the body's x, y and z axes [rad]."""
@@ -68,7 +77,7 @@ class CalibratedDisplacement(Measurement):
 
 @dataclass(frozen=True, eq=False)
 class CalibratedDisplacements:
-    """All intervals of a dive, with a Huber loss of the given width (infinite: none)."""
+    """All intervals of a dive, under one robust loss."""
 
     keys_i: Sequence[int]
     keys_j: Sequence[int]
@@ -81,8 +90,7 @@ class CalibratedDisplacements:
     """Shape (K, 3, 3)."""
     cov_start: FloatArray
     """Shape (K, 3, 3), m^2."""
-    width: float = np.inf
-    """Whitened norm at which the loss turns linear."""
+    loss: ScalarLoss | None = None
 
     def __len__(self) -> int:
         return len(self.keys_i)
@@ -92,19 +100,21 @@ class CalibratedDisplacements:
         return CalibratedDisplacement(self.d_start[k], self.lever[k], self.R_mid[k], self.cov_start[k])
 
     def error(self, values: gtsam.Values) -> float:
-        """Sum of the losses: half the squared whitened norm, linear beyond the width (as GTSAM counts it)."""
+        """Sum of the losses of the whitened norms, as GTSAM counts it; without a loss half their squares."""
         r, *_ = self._terms(values)
         norm = np.linalg.norm(self._root @ r[:, :, None], axis=(1, 2))
-        inner = np.minimum(norm, self.width)
-        return float((inner * (norm - 0.5 * inner)).sum())
+        if self.loss is None:
+            return float(0.5 * norm @ norm)
+        return float(sum(map(self.loss.loss, norm.tolist())))
 
     def linearize(self, values: gtsam.Values) -> list[gtsam.JacobianFactor]:
         """Whitened Jacobian factors at ``values``, one an interval."""
         r, seen, R_ij, A = self._terms(values)
         q = seen + self.lever
         S = self._root
-        norm = np.maximum(np.linalg.norm(S @ r[:, :, None], axis=(1, 2)), 1e-300)
-        S = S * np.sqrt(np.minimum(1.0, self.width / norm))[:, None, None]
+        if self.loss is not None:
+            norm = np.linalg.norm(S @ r[:, :, None], axis=(1, 2))
+            S = S * np.sqrt(list(map(self.loss.weight, norm.tolist())))[:, None, None]
         SA = S @ A
         J_i = np.concatenate([SA @ skew(seen), -SA], axis=2)
         J_j = np.concatenate([np.zeros_like(SA), SA @ R_ij], axis=2)

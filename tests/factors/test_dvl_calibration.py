@@ -9,7 +9,9 @@ from gtsam.symbol_shorthand import X
 from scipy.spatial.transform import Rotation
 
 import factors
+from factors.adapter import Loss
 
+estimator = gtsam.noiseModel.mEstimator
 NS = 1_000_000_000
 CALIBRATION = gtsam.symbol("c", 0)
 COUNT = 12
@@ -19,7 +21,7 @@ def random_pose(rng: np.random.Generator) -> gtsam.Pose3:
     return gtsam.Pose3(gtsam.Rot3(Rotation.random(rng=rng).as_matrix()), rng.uniform(-50.0, 50.0, 3))
 
 
-def intervals(rng: np.random.Generator, width: float = np.inf) -> factors.CalibratedDisplacements:
+def intervals(rng: np.random.Generator, loss: Loss | None = None) -> factors.CalibratedDisplacements:
     root = rng.normal(size=(COUNT, 3, 3)) * 0.1
     return factors.CalibratedDisplacements(
         [X(k) for k in range(COUNT)],
@@ -29,7 +31,7 @@ def intervals(rng: np.random.Generator, width: float = np.inf) -> factors.Calibr
         0.2 * rng.normal(size=(COUNT, 3)),
         Rotation.random(COUNT, rng=rng).as_matrix(),
         root @ np.swapaxes(root, 1, 2) + 0.01 * np.eye(3),
-        width,
+        loss,
     )
 
 
@@ -49,11 +51,14 @@ def test_jacobians() -> None:
         factors.check_jacobians(block.measurement(k), states, tolerance=1e-6)
 
 
-@pytest.mark.parametrize("width", [np.inf, 2.8, 200.0], ids=["no loss", "all beyond the width", "some beyond it"])
-def test_all_at_once_equals_the_sum_of_the_references(width: float) -> None:
+@pytest.mark.parametrize(
+    "loss",
+    [None, estimator.Huber.Create(2.8), estimator.Huber.Create(200.0), estimator.Cauchy.Create(200.0)],
+    ids=["no loss", "all beyond the width", "some beyond it", "Cauchy"],
+)
+def test_all_at_once_equals_the_sum_of_the_references(loss: Loss | None) -> None:
     rng = np.random.default_rng(1)
-    block = intervals(rng, width)
-    loss = None if np.isinf(width) else gtsam.noiseModel.mEstimator.Huber.Create(width)
+    block = intervals(rng, loss)
     graph = gtsam.NonlinearFactorGraph()
     for k in range(COUNT):
         graph.push_back(block.measurement(k).reference((X(k), X(k + 1), CALIBRATION), loss))

@@ -110,14 +110,12 @@ class Losses:
         self.kind = settings.loss
         self.quantile = float(erf(settings.loss_width / np.sqrt(2.0)))
 
-    def width(self, m: int) -> float:
-        return np.inf if self.kind == "none" else float(np.sqrt(chi2.ppf(self.quantile, m)))
-
-    def __call__(self, m: int) -> gtsam.noiseModel.mEstimator.Base | None:
+    def __call__(self, m: int) -> gtsam.noiseModel.mEstimator.Huber | gtsam.noiseModel.mEstimator.Cauchy | None:
         if self.kind == "none":
             return None
+        width = float(np.sqrt(chi2.ppf(self.quantile, m)))
         estimator = gtsam.noiseModel.mEstimator
-        return (estimator.Huber if self.kind == "huber" else estimator.Cauchy).Create(self.width(m))
+        return estimator.Huber.Create(width) if self.kind == "huber" else estimator.Cauchy.Create(width)
 
 
 def _places(prepared: Prepared, keyframes: TimeArray, track: Track) -> Place:
@@ -191,7 +189,7 @@ def _dvl(
         measured.dR[k] @ rig.l_b - rig.l_b,
         R_mid[k],
         measured.cov_start[k],
-        loss.width(3),
+        loss(3),
     )
     return [], [block]
 
