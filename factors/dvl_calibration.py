@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import gtsam
@@ -126,7 +127,7 @@ class CalibratedDisplacements:
             for i, a, j, e, c, y in zip(self.keys_i, J_i, self.keys_j, J_j, J_c, b, strict=True)
         ]
 
-    @property
+    @cached_property
     def _root(self) -> FloatArray:
         """Square roots of the information, shape (K, 3, 3)."""
         root: FloatArray = np.linalg.inv(np.linalg.cholesky(self.cov_start))

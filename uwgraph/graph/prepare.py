@@ -5,7 +5,6 @@ Time offsets of the rig are applied, sensor axes become body axes, missing sigma
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
@@ -186,9 +185,3 @@ def _inside(stream: S | None, span: tuple[int, int]) -> S | None:
         return None
     kept = stream.select((stream.t_ns >= span[0]) & (stream.t_ns <= span[1]))
     return kept if len(kept) else None
-
-
-def counts(prepared: Prepared) -> Mapping[str, int]:
-    """How many samples of each aiding stream are in use."""
-    names = ("dvl", "depth", "fixes", "heading", "sun")
-    return {n: len(getattr(prepared, n).t_ns) for n in names if getattr(prepared, n) is not None}
