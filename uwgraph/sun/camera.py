@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uwgraph.sun.surface import refract
+from uwgraph.sun.surface import refract, refract_jacobian
 from uwgraph.types import FloatArray
 
 Model = Literal["pinhole", "fisheye"]
@@ -67,14 +67,19 @@ class Camera:
         planar = np.hypot(r[:, 0], r[:, 1])
         theta_d = _kannala_brandt(np.arctan2(planar, r[:, 2]), self._coefficients)[0]
         unit = r[:, :2] / np.maximum(planar, 1e-300)[:, None]
-        return theta_d[:, None] * unit * np.array(self.f) + np.array(self.c)
+        return np.asarray(theta_d[:, None] * unit * np.array(self.f) + np.array(self.c), dtype=np.float64)
 
-    def through_port(self, r_s: FloatArray, n: float) -> FloatArray:
-        """The rays outside the housing, in a medium of refractive index ``n``; NaN never occurs as n >= 1."""
-        if self.port == "dome" or n == 1.0:
-            return r_s
-        axis = np.array([0.0, 0.0, 1.0])
-        return refract(r_s, axis, n)
+    def outside(self, uv: ArrayLike, n: float) -> tuple[FloatArray, FloatArray]:
+        """Rays in the body, outside the housing in a medium of refractive index ``n``, and their derivative.
+
+        Shapes (N, 3) and (N, 3, 2), for pixels (N, 2). NaN where the pixel sees nothing through the port.
+        """
+        r, J = self.rays_and_jacobian(uv)
+        if self.port == "flat" and n != 1.0:
+            axis = np.array([0.0, 0.0, 1.0])
+            r, J = np.where(r[:, 2:] > 0.0, r, np.nan), refract_jacobian(r, axis, n) @ J
+            r = refract(r, axis, n)
+        return r @ self.R_bs.T, self.R_bs @ J
 
     def binned(self, factor: int) -> Camera:
         """The camera whose pixels are means of ``factor`` x ``factor`` of this one's."""
@@ -99,7 +104,8 @@ class Camera:
         return np.array(self.distortion) if self.distortion else np.zeros(4)
 
     def _pinhole(self, uv: FloatArray) -> tuple[FloatArray, FloatArray]:
-        xy = np.asarray(cv2.undistortPoints(uv[:, None], self._matrix, self._coefficients)).reshape(-1, 2)
+        start = cv2.undistortPoints(uv[:, None], self._matrix, self._coefficients)
+        xy = np.asarray(start, dtype=np.float64).reshape(-1, 2)
         for _ in range(4):  # OpenCV 4 and 5 stop at different accuracies: Newton's steps end both alike
             seen, duv_dxy = self._distorted(xy)
             xy = xy + np.einsum("nij,nj->ni", np.linalg.inv(duv_dxy), uv - seen)
@@ -116,7 +122,8 @@ class Camera:
         """Pixels of normalised points (N, 2), and their derivative (N, 2, 2)."""
         points = np.concatenate([xy, np.ones((len(xy), 1))], axis=1)[:, None]
         uv, J = cv2.projectPoints(points, np.zeros(3), np.zeros(3), self._matrix, self._coefficients)
-        return uv.reshape(-1, 2), J[:, 3:5].reshape(-1, 2, 2)  # at z = 1 a translation moves the point itself
+        duv_dxy = J[:, 3:5]  # at z = 1 a translation moves the point itself
+        return np.asarray(uv, np.float64).reshape(-1, 2), np.asarray(duv_dxy, np.float64).reshape(-1, 2, 2)
 
     def _fisheye(self, uv: FloatArray) -> tuple[FloatArray, FloatArray]:
         m = (uv - np.array(self.c)) / np.array(self.f)

@@ -26,6 +26,15 @@ def refract(r: FloatArray, axis: FloatArray, n: float) -> FloatArray:
     return bent
 
 
+def refract_jacobian(r: FloatArray, axis: FloatArray, n: float) -> FloatArray:
+    """Derivative of :func:`refract` with respect to r, shape (N, 3, 3), for changes tangent to r."""
+    c = r @ axis
+    q2 = 1.0 - (1.0 - c * c) / (n * n)
+    q = np.sqrt(np.where(q2 > 0.0, q2, np.nan))
+    J: FloatArray = np.eye(3) / n + (c / (n * n * q) - 1.0 / n)[..., None, None] * np.outer(axis, axis)
+    return J
+
+
 def to_air(w: FloatArray, up: FloatArray, n: float) -> FloatArray:
     """View rays above a level surface, of view rays ``w`` (N, 3) in water; NaN outside Snell's window."""
     a = refract(w, up, 1.0 / n)
@@ -36,14 +45,6 @@ def to_air(w: FloatArray, up: FloatArray, n: float) -> FloatArray:
 def to_water(a: FloatArray, up: FloatArray, n: float) -> FloatArray:
     """View rays in water of view rays ``a`` (N, 3) in air above a level surface."""
     return refract(a, up, n)
-
-
-def to_air_jacobian(w: FloatArray, up: FloatArray, n: float) -> FloatArray:
-    """Derivative of :func:`to_air` with respect to w, shape (N, 3, 3), for changes tangent to w."""
-    c = w @ up
-    q = np.sqrt(1.0 - n * n * (1.0 - c * c))
-    J: FloatArray = n * np.eye(3) + (n * n * c / q - n)[..., None, None] * np.outer(up, up)
-    return J
 
 
 def window_half_angle(n: float) -> float:

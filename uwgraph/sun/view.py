@@ -1,0 +1,66 @@
+"""The circumstances of one image, and the sky that each of its pixels sees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+import numpy as np
+
+from uwgraph.sun.camera import Camera
+from uwgraph.sun.surface import refract, refract_jacobian
+from uwgraph.types import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """Where a camera was, which way was up, and what the almanac says."""
+
+    camera: Camera
+    up_b: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, -1.0]))
+    """Unit vector to the zenith in the body, shape (3,)."""
+    n: float = 1.0
+    """Refractive index of what the camera sits in: 1 in air, 1.33 to 1.35 in water."""
+    tilt_sigma: float = 0.0
+    """1-sigma of roll and of pitch behind ``up_b``, rad."""
+    sun_zenith: float | None = None
+    """Zenith angle of the apparent sun from time and place, rad; None where they are not known."""
+    t_ns: int = 0
+    """Nanoseconds UTC; 0 when not known."""
+
+    @property
+    def in_water(self) -> bool:
+        return self.n > 1.0
+
+    def binned(self, factor: int) -> View:
+        """The view through pixels that are means of ``factor`` x ``factor``."""
+        return replace(self, camera=_binned(self.camera, factor))
+
+    def tilted(self, up_b: FloatArray) -> View:
+        return replace(self, up_b=up_b)
+
+    def body_rays(self) -> tuple[FloatArray, FloatArray]:
+        """Rays outside the housing in b, (N, 3), and their derivative by the pixel, (N, 3, 2); kept from call to call."""
+        return _body_rays(self.camera, self.n)
+
+    def sky_rays(self) -> FloatArray:
+        """Directions in the sky, in b, that the pixels see, shape (N, 3), row by row; NaN outside the window."""
+        w, _ = self.body_rays()
+        if not self.in_water:
+            return w
+        return np.where((w @ self.up_b > 0.0)[:, None], refract(w, self.up_b, 1.0 / self.n), np.nan)
+
+    def sky_jacobian(self) -> FloatArray:
+        """Derivative of :meth:`sky_rays` by the pixel, shape (N, 3, 2)."""
+        w, J = self.body_rays()
+        return refract_jacobian(w, self.up_b, 1.0 / self.n) @ J if self.in_water else J
+
+
+@lru_cache(maxsize=16)
+def _binned(camera: Camera, factor: int) -> Camera:
+    return camera.binned(factor) if factor > 1 else camera
+
+
+@lru_cache(maxsize=16)
+def _body_rays(camera: Camera, n: float) -> tuple[FloatArray, FloatArray]:
+    return camera.outside(camera.pixels(), n)
