@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +25,8 @@ class Sensor:
     """Electrons, 1-sigma."""
 
     @classmethod
-    def of(cls, image: NDArray[np.generic]) -> Sensor:
-        """A plain sensor for images of whole numbers: white at 98 % of the type's range, shot noise of 10 000 electrons.
+    def of(cls, image: NDArray[Any]) -> Sensor:
+        """A plain guess for an image: white at 98 % of the type's range, a full well of 10 000 electrons.
 
         12 bits in a 16-bit file are recognised by their maximum.
         """
@@ -43,5 +44,5 @@ class Sensor:
         variance: FloatArray = (electrons + self.read_noise**2) / self.gain**2 + rounding
         return variance
 
-    def saturated(self, counts: NDArray[np.generic]) -> BoolArray:
+    def saturated(self, counts: NDArray[Any]) -> BoolArray:
         return np.asarray(counts >= self.white)

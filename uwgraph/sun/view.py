@@ -40,7 +40,7 @@ class View:
         return replace(self, up_b=up_b)
 
     def body_rays(self) -> tuple[FloatArray, FloatArray]:
-        """Rays outside the housing in b, (N, 3), and their derivative by the pixel, (N, 3, 2); kept from call to call."""
+        """Rays outside the housing in b, (N, 3), and their derivative by the pixel, (N, 3, 2); cached."""
         return _body_rays(self.camera, self.n)
 
     def sky_rays(self) -> FloatArray:
