@@ -1,8 +1,9 @@
 """Which way is up, from the IMU alone (and the DVL where there is one): what an optical front end needs, no heading.
 
 In the frame i that the gyro carries, gravity hardly moves: the specific force, integrated, grows along the vertical
-but for the vehicle's own changes of velocity, which the DVL knows. The slope of that integral at time t, from a parabola
-over a minute before and after, is the vertical; the parabola's bend takes up the Earth's rotation and the gyro's bias.
+but for the vehicle's own changes of velocity, which the DVL knows. The slope of that integral at time t, from a
+parabola over a minute before and after, is the vertical; the parabola's bend takes up the Earth's rotation and the
+gyro's bias.
 """
 
 from __future__ import annotations
