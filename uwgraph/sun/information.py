@@ -39,19 +39,19 @@ class Spectrum:
 
 
 def block_sandwich(scores: FloatArray, blocks: NDArray[np.intp], curvature: FloatArray) -> FloatArray:
-    """Covariance (2, 2) of two parameters: H^-1 (sum_B u_B u_B^T) H^-1, u_B the sum of ``scores`` (N, 2) in block B.
+    """Covariance (K, K) of the parameters: H^-1 (sum_B u_B u_B^T) H^-1, u_B the sum of ``scores`` (N, K) in block B.
 
     Parameters
     ----------
-    scores : shape (N, 2)
-        Half the derivative of the objective with respect to the two parameters, pixel by pixel.
+    scores : shape (N, K)
+        Half the derivative of the objective with respect to the parameters, pixel by pixel.
     blocks : shape (N,)
         Number of the block each pixel belongs to, counted from 0.
-    curvature : shape (2,) or (2, 2)
+    curvature : shape (K,) or (K, K)
         Half the second derivative of the objective.
     """
     count = int(blocks.max()) + 1
-    u = np.stack([np.bincount(blocks, scores[:, k], count) for k in range(2)], axis=1)
+    u = np.stack([np.bincount(blocks, scores[:, k], count) for k in range(scores.shape[1])], axis=1)
     H_inv = np.linalg.inv(np.diag(curvature) if curvature.ndim == 1 else curvature)
     cov: FloatArray = H_inv @ (u.T @ u) @ H_inv
     return cov
