@@ -1,0 +1,263 @@
+"""The direction that is orthogonal to many e-vectors: a robust smallest eigenvector, started where the vote says.
+
+Singly scattered light is polarized normal to the plane of its direction a and the sun s: e.s = 0. The sun is the
+smallest eigenvector of the weighted sum of e e^T. Each residual is an angle, r = e.s / sin(gamma), gamma the angle
+between a and s; Geman and McClure's weight (1987) takes the outliers out. Noise adds r^2 (I - a a^T) to each e e^T and
+would pull s towards the part of the sky in view; it is subtracted pixel by pixel, which leaves a score that is odd in
+r, hence no bias for any symmetric noise.
+
+It knows nothing of images: any list of directions and e-vectors will do (photodiode compasses, pixel lists).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uwgraph.sun.information import Spectrum, block_sandwich
+from uwgraph.sun.observation import level_axes
+from uwgraph.sun.vote import Vote, vote
+from uwgraph.types import FloatArray
+
+_NEAR_SUN: Final = np.sin(np.radians(3.0)) ** 2  # nearer the sun an e-vector's angle says nothing
+_FEW_BLOCKS: Final = 20  # a sandwich of fewer is no estimate of anything
+_CANDIDATE_PIXELS: Final = 2500  # enough to tell candidates apart
+_FIRST_EXCESS: Final = np.radians(1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Evectors:
+    """Directions in the sky and how the light from there is polarized."""
+
+    a_b: FloatArray
+    """Unit directions in the body, shape (N, 3)."""
+    e_b: FloatArray
+    """Unit e-vectors in the body, normal to ``a_b``, shape (N, 3); the sign is free."""
+    sigma: FloatArray
+    """1-sigma of the e-vector's angle about ``a_b``, rad, shape (N,), greater than 0."""
+    block: NDArray[np.intp]
+    """Number of the block whose e-vectors may err together, shape (N,), counted from 0."""
+
+    def __len__(self) -> int:
+        return len(self.sigma)
+
+    def thinned(self, count: int) -> Evectors:
+        """About ``count`` of them, evenly."""
+        every = slice(None, None, max(1, len(self) // count))
+        return Evectors(self.a_b[every], self.e_b[every], self.sigma[every], self.block[every])
+
+
+@dataclass(frozen=True)
+class Robust:
+    """Scales of the robust estimate; angles in rad."""
+
+    least_scale: float = np.radians(2.0)
+    """Least scale c of Geman and McClure's weight 1 / (1 + r^2 / c^2)^2."""
+    sigmas: float = 4.0
+    """c in units of the residuals' standard deviation, where that is more."""
+    most_excess: float = np.radians(4.0)
+    """Largest departure of sky from model that is taken for noise."""
+    vote_smoothing: float = np.radians(2.0)
+    """Kernel of the vote's histogram."""
+    rival_apart: float = np.radians(10.0)
+    """Axes nearer to each other than this are one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A direction and how the e-vectors stand to it."""
+
+    s_b: FloatArray
+    """Unit vector to the sun, above the horizon, shape (3,)."""
+    E: FloatArray
+    """Two unit tangents at ``s_b``, as columns, shape (3, 2)."""
+    residual: FloatArray
+    """Sine of the angle of each e-vector against the model, shape (N,)."""
+    variance: FloatArray
+    """Variance of the residuals, stated noise plus excess, rad^2, shape (N,)."""
+    trust: FloatArray
+    """Geman and McClure's weight, 0 to 1, shape (N,)."""
+    scale2: FloatArray
+    """c^2 of that weight, rad^2, shape (N,)."""
+    excess: float
+    """Departure of the sky from the model beyond the stated noise, 1-sigma, rad."""
+
+    @property
+    def support(self) -> float:
+        """Share of the e-vectors that agree, 0 to 1."""
+        return float(np.average(self.trust, weights=1.0 / self.variance))
+
+    @property
+    def chance(self) -> float:
+        """The support that e-vectors of random angle would give: the mean of the weight over all angles, c / 2."""
+        return float(np.average(np.sqrt(self.scale2) / 2.0, weights=1.0 / self.variance))
+
+    def chi2(self, sigma: FloatArray) -> float:
+        """Mean square of the trusted residuals over the stated noise ``sigma`` (N,): 1 for the noise alone."""
+        return float(np.average((self.residual / sigma) ** 2, weights=self.trust + 1e-12))
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The sun's direction from e-vectors, with what competes with it."""
+
+    fit: Fit
+    cov: FloatArray
+    """Covariance of the direction along ``fit.E``, shape (2, 2), rad^2; infinite where nothing fixes it."""
+    chi2: float
+    """Mean square of the trusted residuals over the stated noise."""
+    vote: Vote | None
+    """None where the sun's zenith angle was not given."""
+    rival_b: FloatArray | None
+    """The next best direction, shape (3,), where there is one."""
+    rivalry: float
+    """Support of the rival over support of the winner, both above chance, 0 to 1."""
+
+
+def solve(sky: Evectors, up_b: FloatArray, sun_zenith: float | None = None, robust: Robust | None = None) -> Solution:
+    """The sun's direction in three dimensions.
+
+    Parameters
+    ----------
+    sky : Evectors
+        At least three.
+    up_b : shape (3,)
+        Zenith in the body: for the sign, and for the vote.
+    sun_zenith : float, optional
+        The sun's zenith angle from the almanac [rad]. It starts the search by the vote on azimuth, and tells rivals
+        apart; the winner's own zenith angle is free. Without it the search is over all directions.
+    """
+    robust = robust or Robust()
+    few = sky.thinned(_CANDIDATE_PIXELS)
+    ballot = None
+    if sun_zenith is None:
+        starts = _search(few, up_b)
+    else:
+        ballot = vote(sky.a_b, sky.e_b, np.hypot(sky.sigma, _FIRST_EXCESS), up_b, sun_zenith, robust.vote_smoothing)
+        starts = [from_azimuth(A, sun_zenith, up_b) for A in ballot.modes] or _search(few, up_b)
+    ranked = _distinct([refine(few, s, up_b, robust) for s in starts], up_b, sun_zenith, robust)
+    fit = refine(sky, ranked[0].s_b, up_b, robust) if len(few) < len(sky) else ranked[0]
+    rival = ranked[1] if len(ranked) > 1 else None
+    return Solution(
+        fit=fit,
+        cov=covariance(sky, fit),
+        chi2=fit.chi2(sky.sigma),
+        vote=ballot,
+        rival_b=rival.s_b if rival else None,
+        rivalry=_above_chance(rival) / _above_chance(ranked[0]) if rival else 0.0,
+    )
+
+
+def refine(sky: Evectors, s_b: FloatArray, up_b: FloatArray, robust: Robust, rounds: int = 20) -> Fit:
+    """The smallest eigenvector by reweighting, from a start ``s_b`` (3,)."""
+    excess = _FIRST_EXCESS
+    for _ in range(rounds):
+        sin2, residual = _residuals(sky, s_b)
+        variance = sky.sigma**2 + excess**2
+        scale2 = np.maximum(robust.least_scale**2, robust.sigmas**2 * variance)
+        trust = 1.0 / (1.0 + residual**2 / scale2) ** 2
+        weight = trust / (variance * sin2)
+        noise = weight * residual**2
+        M = (sky.e_b.T * weight) @ sky.e_b + (sky.a_b.T * noise) @ sky.a_b - noise.sum() * np.eye(3)
+        spectrum = Spectrum.of(M)
+        step = np.linalg.norm(np.cross(spectrum.s, s_b))
+        s_b = spectrum.s
+        excess = _excess(residual, sky.sigma, variance, scale2, robust)
+        if step < 1e-7:
+            break
+    upright = -1.0 if s_b @ up_b < 0.0 else 1.0
+    return Fit(upright * s_b, spectrum.E, upright * residual, variance, trust, scale2, excess)
+
+
+def covariance(sky: Evectors, fit: Fit, nuisance: FloatArray | None = None) -> FloatArray:
+    """Covariance (2, 2) [rad^2] of the direction along ``fit.E``, with ``nuisance`` unknowns estimated beside it.
+
+    Parameters
+    ----------
+    nuisance : shape (N, K), optional
+        Derivative of the residuals by further unknowns.
+    """
+    sin2, _ = _residuals(sky, fit.s_b)
+    J = (sky.e_b @ fit.E) / np.sqrt(sin2)[:, None]
+    if nuisance is not None:
+        J = np.hstack([J, nuisance])
+    x2 = fit.residual**2 / fit.scale2
+    bend = fit.trust * (1.0 - 3.0 * x2) / (1.0 + x2)  # derivative of the weighted residual: outliers bend it down
+    H = (J.T * (bend / fit.variance)) @ J
+    if np.linalg.eigvalsh(H)[0] <= 0.0:
+        return np.full((2, 2), np.inf)
+    blocks = np.unique(sky.block, return_inverse=True)[1]
+    if blocks.max() + 1 < _FEW_BLOCKS:
+        square = np.average(fit.residual**2 / fit.variance, weights=fit.trust)
+        cov: FloatArray = np.linalg.inv(H) * max(1.0, float(square))
+    else:
+        cov = block_sandwich(J * (fit.trust / fit.variance * fit.residual)[:, None], blocks, H)
+    return cov[:2, :2]
+
+
+def from_azimuth(azimuth: float, zenith: float, up_b: FloatArray) -> FloatArray:
+    """Unit vector (3,) in the body of an azimuth clockwise from the bow and a zenith angle [rad]."""
+    level = np.array([np.sin(zenith) * np.cos(azimuth), np.sin(zenith) * np.sin(azimuth), np.cos(zenith)])
+    s_b: FloatArray = level_axes(up_b).T @ level
+    return s_b
+
+
+def _residuals(sky: Evectors, s_b: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """sin^2(gamma), and the sine of the e-vectors' angle against the model."""
+    sin2 = np.maximum(1.0 - (sky.a_b @ s_b) ** 2, _NEAR_SUN)
+    return sin2, (sky.e_b @ s_b) / np.sqrt(sin2)
+
+
+def _excess(residual: FloatArray, sigma: FloatArray, variance: FloatArray, scale2: FloatArray, robust: Robust) -> float:
+    """1-sigma of the residuals beyond the stated noise, from those within c, less a background as between c and 2 c."""
+    q = 1.0 / variance
+    x2 = residual**2 / scale2
+    inner, outer = x2 < 1.0, (x2 >= 1.0) & (x2 < 4.0)
+    background = q[outer].sum()
+    count = q[inner].sum() - background
+    if count <= 0.0:
+        return robust.most_excess
+    square = (q * (residual**2 - sigma**2))[inner].sum() - background * np.average(scale2 / 3.0 - sigma**2, weights=q)
+    return float(np.sqrt(np.clip(square / count, 0.0, robust.most_excess**2)))
+
+
+def _above_chance(fit: Fit) -> float:
+    return max(fit.support - fit.chance, 1e-6)
+
+
+def _distinct(fits: list[Fit], up_b: FloatArray, sun_zenith: float | None, robust: Robust) -> list[Fit]:
+    """Different axes, the best supported first; those at the almanac's height before all others."""
+
+    def rank(fit: Fit) -> tuple[bool, float]:
+        if sun_zenith is None:
+            return False, -_above_chance(fit)
+        off = abs(np.arccos(np.clip(fit.s_b @ up_b, -1.0, 1.0)) - sun_zenith)
+        return bool(off > robust.rival_apart), -_above_chance(fit)
+
+    kept: list[Fit] = []
+    for fit in sorted(fits, key=rank):
+        if all(abs(fit.s_b @ k.s_b) < np.cos(robust.rival_apart) for k in kept):
+            kept.append(fit)
+    return kept
+
+
+def _search(sky: Evectors, up_b: FloatArray, count: int = 4) -> list[FloatArray]:
+    """The best axes of a grid over the upper hemisphere, by a residual that is bounded at 10 deg."""
+    few = sky.thinned(600)
+    k = np.arange(1500) + 0.5
+    height, turn = k / len(k), np.pi * (1.0 + np.sqrt(5.0)) * k  # Fibonacci's spiral
+    level = np.stack([np.sqrt(1.0 - height**2) * np.cos(turn), np.sqrt(1.0 - height**2) * np.sin(turn), height])
+    axes = level_axes(up_b).T @ level
+    sin2 = np.maximum(1.0 - (few.a_b @ axes) ** 2, _NEAR_SUN)
+    square = np.minimum((few.e_b @ axes) ** 2 / sin2, np.sin(np.radians(10.0)) ** 2)
+    cost = (square / (few.sigma**2 + _FIRST_EXCESS**2)[:, None]).sum(axis=0)
+    found: list[FloatArray] = []
+    for j in np.argsort(cost):
+        if all(abs(axes[:, j] @ f) < np.cos(np.radians(20.0)) for f in found):
+            found.append(axes[:, j])
+        if len(found) == count:
+            break
+    return found
