@@ -1,4 +1,4 @@
-"""Where the sun is: the apparent place (parallax and refraction in a standard atmosphere included).
+"""Where the sun is: the apparent place (parallax and refraction in a standard atmosphere included) or the geometric.
 
 NREL's Solar Position Algorithm (Reda & Andreas 2004) through pvlib, good to 0.0003 deg. It works without a network.
 """
@@ -20,8 +20,10 @@ _TEMPERATURE_C: Final = 12.0
 _REFRACTION_AT_HORIZON_DEG: Final = 0.5667
 
 
-def sun_azimuth_elevation(t_ns: ArrayLike, lat: ArrayLike, lon: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Azimuth clockwise from true north and apparent elevation [rad], shape (N,).
+def sun_azimuth_elevation(
+    t_ns: ArrayLike, lat: ArrayLike, lon: ArrayLike, *, refraction: bool = True
+) -> tuple[FloatArray, FloatArray]:
+    """Azimuth clockwise from true north and elevation of the apparent sun [rad], shape (N,).
 
     Parameters
     ----------
@@ -29,9 +31,11 @@ def sun_azimuth_elevation(t_ns: ArrayLike, lat: ArrayLike, lon: ArrayLike) -> tu
         Nanoseconds UTC.
     lat, lon : array_like, shape (N,) or scalar
         Geodetic latitude and longitude, rad.
+    refraction : bool
+        Whether the air lifts the sun (apparent place); without it the place is the geometric one, parallax included.
     """
     t, lat, lon = np.broadcast_arrays(np.atleast_1d(np.asarray(t_ns, dtype=np.int64)), lat, lon)
-    _, _, apparent_elevation, _, azimuth, _ = spa.solar_position_numpy(
+    _, _, apparent, geometric, azimuth, _ = spa.solar_position_numpy(
         t.astype(np.float64) * 1e-9,
         np.degrees(lat),
         np.degrees(lon),
@@ -42,15 +46,17 @@ def sun_azimuth_elevation(t_ns: ArrayLike, lat: ArrayLike, lon: ArrayLike) -> tu
         _REFRACTION_AT_HORIZON_DEG,
         numthreads=1,
     )
-    return np.radians(azimuth), np.radians(apparent_elevation)
+    return np.radians(azimuth), np.radians(apparent if refraction else geometric)
 
 
-def sun_direction_n(origin: Origin, t_ns: ArrayLike, lat: ArrayLike, lon: ArrayLike) -> FloatArray:
+def sun_direction_n(
+    origin: Origin, t_ns: ArrayLike, lat: ArrayLike, lon: ArrayLike, *, refraction: bool = True
+) -> FloatArray:
     """Unit vectors to the apparent sun in n, shape (N, 3), seen in air from (lat, lon) [rad] at ``t_ns`` UTC.
 
     The vector points up (negative third component at the place itself) while the sun is above the horizon.
     """
-    azimuth, elevation = sun_azimuth_elevation(t_ns, lat, lon)
+    azimuth, elevation = sun_azimuth_elevation(t_ns, lat, lon, refraction=refraction)
     local = np.stack(
         [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), -np.sin(elevation)], axis=-1
     )
