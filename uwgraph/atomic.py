@@ -50,7 +50,7 @@ def atomic_folder(path: str | os.PathLike[str], replaces: str | None = None) -> 
         When the place is taken or cannot be written, or the disk is full; what was there before is untouched.
     """
     target = Path(path)
-    _refuse_taken(target, replaces)
+    refuse_taken(target, replaces)
     with _told(target), _scratch(target) as scratch:
         partial = scratch / target.name
         partial.mkdir()
@@ -61,7 +61,9 @@ def atomic_folder(path: str | os.PathLike[str], replaces: str | None = None) -> 
         _sync(target.parent)
 
 
-def _refuse_taken(target: Path, replaces: str | None) -> None:
+def refuse_taken(path: str | os.PathLike[str], replaces: str | None = None) -> None:
+    """Raise what :func:`atomic_folder` would when the place is taken, before long work is begun."""
+    target = Path(path)
     if not target.is_dir():
         if os.path.lexists(target):
             raise DataError("a file stands where the folder should go", where=str(target), remedy="choose another name")
