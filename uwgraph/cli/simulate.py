@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from uwgraph.cli.console import note, progress_bar
+from uwgraph.cli.console import Progress, note, progress_bar
 from uwgraph.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -23,7 +25,9 @@ EXAMPLES = """Examples:
 
 [bold]uwgraph simulate dives/aided --on dives/run1 --grade mems --add sun-heading[/bold]
 
-[bold]uwgraph simulate dives/v102 --on logs/euroc --add dvl --add depth[/bold]"""
+[bold]uwgraph simulate dives/v102 --on logs/euroc --add dvl --add depth[/bold]
+
+[bold]uwgraph simulate dives/seen --images polarization --image-rate 0.1 --image-depth 5 --wind 3[/bold]"""
 
 
 class Added(StrEnum):
@@ -51,6 +55,15 @@ def simulate(
     add: Annotated[
         list[Added] | None, typer.Option(help="With --on: a stream derived from the dive's reference; repeatable.")
     ] = None,
+    images: Annotated[
+        Literal["gradient", "polarization"] | None,
+        typer.Option(help="Render the sky along the dive: its light, or the mosaic of a polarization camera."),
+    ] = None,
+    image_rate: Annotated[float | None, typer.Option(metavar="HZ", help="Images per second (0.1).")] = None,
+    image_depth: Annotated[
+        float | None, typer.Option(metavar="M", help="Take all images at this depth, not at that of the dive.")
+    ] = None,
+    wind: Annotated[float | None, typer.Option(metavar="M/S", help="Wind over the sea in the images (3).")] = None,
     seed: Annotated[int, typer.Option(help="The same seed gives the same dive.")] = 0,
     settings: Annotated[
         Path | None, typer.Option(metavar="FILE", help="YAML file of settings; options above win over it.")
@@ -59,7 +72,11 @@ def simulate(
 ) -> None:
     """Make a dive: a truth on the ellipsoid and its sensors' logs, or a real dive with simulated sensors added."""
     asked = {"pattern": pattern, "duration_s": duration_s, "depth": depth, "speed": speed, "grade": grade}
-    with progress_bar() as progress:
+    seen = {"rate_hz": image_rate, "depth": image_depth, "wind": wind}
+    if images is None and any(value is not None for value in seen.values()):
+        raise ConfigError("--image-rate, --image-depth and --wind go with --images", where="--images")
+    _refuse_taken(dest, force)
+    with progress_bar() as progress, _room_for_images(dest, images is not None) as folder:
         progress("simulating", 0.1)
         if on is None:
             if add:
@@ -73,8 +90,10 @@ def simulate(
             ):
                 raise ConfigError("of a mission's options only --grade goes with --on", where="--on")
             dive = _added(on, grade, add or [], seed)
+        if images is not None:
+            dive = _photographed(dive, on, folder, {"kind": images, **seen}, seed, progress)
         progress("writing", 0.9)
-        _write(dive, dest, on, force)
+        _write(dive, dest, folder if images is not None else on, force)
     note(f"{dest}: " + ", ".join(f"{name} {len(stream)}" for name, stream in dive.streams()))
 
 
@@ -104,6 +123,47 @@ def _added(source: Path, grade: Literal["fog", "mems", "noise_free"] | None, add
     for name in add:
         dive = adders[name](dive)
     return dive
+
+
+def _photographed(
+    dive: Dive, source: Path | None, folder: Path, asked: dict[str, Any], seed: int, progress: Progress
+) -> Dive:
+    """The dive with rendered images, whose files are in ``folder`` beside those that it had."""
+    from uwgraph.cli.options import settings_from
+    from uwgraph.simulate import ImageModel, Scene, add_sun_images
+
+    scene = settings_from(Scene, None, {"wind": asked.pop("wind")})
+    model = settings_from(ImageModel, None, asked)
+    (folder / "images").mkdir()
+    for camera in dive.images:
+        (folder / "images" / camera).symlink_to((source or folder).resolve() / "images" / camera)
+    return add_sun_images(
+        dive,
+        folder,
+        scene=scene,
+        model=model,
+        seed=seed,
+        progress=lambda share: progress("rendering images", 0.1 + 0.8 * share),
+    )
+
+
+@contextmanager
+def _room_for_images(dest: Path, wanted: bool) -> Iterator[Path]:
+    """A folder on the same disk that vanishes."""
+    if not wanted:
+        yield dest
+        return
+    parent = dest.absolute().parent
+    parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{dest.name}.images-", dir=parent) as folder:
+        yield Path(folder)
+
+
+def _refuse_taken(dest: Path, force: bool) -> None:
+    from uwgraph.atomic import refuse_taken
+    from uwgraph.dive.folder import HEADER
+
+    refuse_taken(dest, HEADER if force else None)
 
 
 def _write(dive: Dive, dest: Path, source: Path | None, force: bool) -> None:

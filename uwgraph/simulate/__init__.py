@@ -2,16 +2,24 @@
 
 from uwgraph.simulate.degrade import add_depth, add_dvl, add_fixes, add_sun, add_sun_heading, degrade_imu
 from uwgraph.simulate.dive import SimulationSettings, simulate, trajectory_of, truth
+from uwgraph.simulate.images import SKY_CAMERA, ImageModel, add_sun_images
 from uwgraph.simulate.imu import GRADES, ImuGrade
+from uwgraph.simulate.render import Shot, render
+from uwgraph.simulate.scene import OccluderSettings, Scene
 from uwgraph.simulate.sensors import DepthModel, DvlModel, GnssModel, HeadingModel, SunModel
 
 __all__ = [
     "GRADES",
+    "SKY_CAMERA",
     "DepthModel",
     "DvlModel",
     "GnssModel",
     "HeadingModel",
+    "ImageModel",
     "ImuGrade",
+    "OccluderSettings",
+    "Scene",
+    "Shot",
     "SimulationSettings",
     "SunModel",
     "add_depth",
@@ -19,7 +27,9 @@ __all__ = [
     "add_fixes",
     "add_sun",
     "add_sun_heading",
+    "add_sun_images",
     "degrade_imu",
+    "render",
     "simulate",
     "trajectory_of",
     "truth",
