@@ -51,6 +51,11 @@ def read_settings(model: type[Model], path: Path) -> Model:
 
 def read_yaml(path: Path) -> Any:
     """The plain values of a YAML file; raises :class:`ConfigError` as :func:`read_settings` does."""
+    return parse_yaml(read_text(path), str(path))
+
+
+def read_text(path: Path) -> str:
+    """The text of a settings file in UTF-8, of at most :data:`MAX_BYTES`."""
     try:
         with path.open("rb") as file:
             text = file.read(MAX_BYTES + 1)
@@ -61,13 +66,23 @@ def read_yaml(path: Path) -> Any:
     if len(text) > MAX_BYTES:
         raise ConfigError(f"is larger than {MAX_BYTES} bytes", where=str(path), remedy="is this the right file?")
     try:
-        return yaml.load(text.decode("utf-8"), _Loader)
-    except yaml.MarkedYAMLError as error:
-        line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
-        raise ConfigError(f"{line}{error.problem}", where=str(path), remedy="correct the YAML") from error
-    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
+        return text.decode("utf-8")
+    except UnicodeDecodeError as error:
         raise ConfigError(
             f"is not plain YAML text ({str(error)[:100]})", where=str(path), remedy="copy it again, or correct it"
+        ) from error
+
+
+def parse_yaml(text: str, where: str) -> Any:
+    """The plain values of YAML text; ``where`` names the file."""
+    try:
+        return yaml.load(text, _Loader)
+    except yaml.MarkedYAMLError as error:
+        line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
+        raise ConfigError(f"{line}{error.problem}", where=where, remedy="correct the YAML") from error
+    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
+        raise ConfigError(
+            f"is not plain YAML text ({str(error)[:100]})", where=where, remedy="copy it again, or correct it"
         ) from error
 
 

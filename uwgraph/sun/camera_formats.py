@@ -1,0 +1,114 @@
+"""Kalibr's and OpenCV's camera files, as the values of our own."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any, Final
+from xml.etree import ElementTree
+
+import numpy as np
+
+from uwgraph.dive.yamlfile import parse_yaml
+from uwgraph.errors import ConfigError
+from uwgraph.types import FloatArray
+
+_KALIBR_DISTORTION: Final = {"radtan": "pinhole", "equidistant": "fisheye", "equi": "fisheye", "none": "pinhole"}
+_FISHEYE_MARKERS: Final = ("fisheye", "equidistant", "kannala_brandt")
+
+
+def is_kalibr(values: Any) -> bool:
+    return isinstance(values, dict) and any(str(key).startswith("cam") and "camera_model" in _dict(values[key])
+                                            for key in values)  # fmt: skip
+
+
+def kalibr_values(chain: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """The first camera of a camchain (pinhole-radtan, pinhole-equi)."""
+    name = min(key for key in chain if "camera_model" in _dict(chain[key]))
+    camera, where = chain[name], f"{where}: {name}"
+    model, bend = str(camera["camera_model"]), str(camera.get("distortion_model", "none"))
+    if model != "pinhole" or bend not in _KALIBR_DISTORTION:
+        raise ConfigError(
+            f"camera model {model}-{bend} is not supported",
+            where=where,
+            remedy="calibrate as pinhole-radtan or pinhole-equi",
+        )
+    for key, count in (("intrinsics", 4), ("resolution", 2)):
+        if not isinstance(camera.get(key), list) or len(camera[key]) != count:
+            raise ConfigError(f"needs a list of {count} numbers", where=f"{where}.{key}", remedy="export it again")
+    fu, fv, cu, cv = camera["intrinsics"]
+    return {
+        "model": _KALIBR_DISTORTION[bend],
+        "f": [fu, fv],
+        "c": [cu, cv],
+        "size": camera["resolution"],
+        "distortion": [] if bend == "none" else camera.get("distortion_coeffs"),
+    }
+
+
+def is_opencv(text: str) -> bool:
+    """Whether a text looks as ``cv2.FileStorage`` writes it."""
+    return text.lstrip("\ufeff \r\n\t").startswith(("%YAML:1.0", "<?xml", "<opencv_storage")) or "!!opencv-" in text
+
+
+def opencv_storage(text: str, where: str) -> dict[str, Any]:
+    """The values of a FileStorage, YAML or XML. ``cv2.FileStorage`` itself dies of some damaged files."""
+    if text.lstrip("\ufeff \r\n\t").startswith("<"):
+        return _xml(text, where)
+    plain = re.sub(r"!!opencv-[\w-]+|^\ufeff?%YAML:1\.0", "", text)
+    values = parse_yaml(plain, where)
+    return _dict(values)
+
+
+def opencv_values(storage: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Our values of OpenCV's keys: camera_matrix (or K), distortion_coefficients (or D), image_width and _height."""
+    K = _matrix(storage, where, "camera_matrix", "K", "Camera_Matrix")
+    if K.shape != (3, 3):
+        raise ConfigError("is not a 3 x 3 matrix", where=f"{where}: camera_matrix", remedy="write it again")
+    D = _matrix(storage, where, "distortion_coefficients", "D", "Distortion_Coefficients").ravel()
+    fisheye = str(storage.get("fisheye", storage.get("fisheye_model", 0))).lower() in ("1", "true", "yes") or any(
+        marker in str(storage.get(key, "")).lower()
+        for key in ("distortion_model", "model")
+        for marker in _FISHEYE_MARKERS
+    )
+    return {
+        "model": "fisheye" if fisheye else "pinhole",
+        "f": [K[0, 0].item(), K[1, 1].item()],
+        "c": [K[0, 2].item(), K[1, 2].item()],
+        "size": [_first(storage, where, "image_width"), _first(storage, where, "image_height")],
+        "distortion": D.tolist(),
+    }
+
+
+def _xml(text: str, where: str) -> dict[str, Any]:
+    if "<!" in re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL):
+        raise ConfigError("has XML declarations (<!...>), which are not accepted", where=where, remedy="remove them")
+    try:
+        root = ElementTree.fromstring(text.lstrip("\ufeff \r\n\t").encode())
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise ConfigError(f"is not XML ({str(error)[:100]})", where=where, remedy="write it again") from error
+    return {
+        node.tag: {part.tag: (part.text or "").split() if part.tag == "data" else part.text for part in node}
+        if len(node)
+        else (node.text or "").strip()
+        for node in root
+    }
+
+
+def _matrix(storage: Mapping[str, Any], where: str, *names: str) -> FloatArray:
+    found = _dict(_first(storage, where, *names))
+    try:
+        return np.array(found["data"], dtype=np.float64).reshape(int(found["rows"]), int(found["cols"]))
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise ConfigError("is not a matrix", where=f"{where}: {names[0]}", remedy="write it again") from error
+
+
+def _first(storage: Mapping[str, Any], where: str, *names: str) -> Any:
+    for name in names:
+        if storage.get(name) is not None:
+            return storage[name]
+    raise ConfigError("is missing", where=f"{where}: {names[0]}", remedy="add it")
+
+
+def _dict(value: Any) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}
