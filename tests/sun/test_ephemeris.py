@@ -43,3 +43,36 @@ def test_direction_is_unit_up_and_turned_into_n():
     assert (s_n[:, 2] < -0.5).all()
     one_place = sun_direction_n(origin, t_ns, 0.75, 0.104)
     np.testing.assert_allclose(one_place, s_n, atol=1e-12)
+
+
+def test_against_astropy_over_a_year_and_the_globe():
+    coordinates = pytest.importorskip("astropy.coordinates")
+    time, units = pytest.importorskip("astropy.time"), pytest.importorskip("astropy.units")
+    from astropy.utils import iers
+
+    rng = np.random.default_rng(0)
+    t_ns = at(2024, 1, 1, 0, 0, 0) + (rng.uniform(0, 366 * 86_400, 300) * 1e9).astype(np.int64)
+    lat, lon = np.arcsin(rng.uniform(-0.99, 0.99, 300)), rng.uniform(-np.pi, np.pi, 300)
+    with iers.conf.set_temp("auto_download", False), iers.conf.set_temp("iers_degraded_accuracy", "ignore"):
+        when = time.Time(t_ns / 1e9, format="unix", scale="utc")
+        place = coordinates.EarthLocation.from_geodetic(np.degrees(lon) * units.deg, np.degrees(lat) * units.deg)
+        there = coordinates.get_sun(when).transform_to(coordinates.AltAz(obstime=when, location=place))
+    azimuth, elevation = sun_azimuth_elevation(t_ns, lat, lon, refraction=False)
+    assert np.degrees(np.abs(elevation - there.alt.rad)).max() < 1e-3
+    across = (azimuth - there.az.rad + np.pi) % (2 * np.pi) - np.pi
+    assert np.degrees(np.abs(across * np.cos(elevation))).max() < 1e-3
+
+
+def test_air_lifts_the_sun():
+    day = at(2024, 6, 21, 0, 0, 0) + np.arange(0, 86_400, 600) * 10**9
+    azimuth, apparent = sun_azimuth_elevation(day, 0.7, 0.0)
+    same_azimuth, geometric = sun_azimuth_elevation(day, 0.7, 0.0, refraction=False)
+    np.testing.assert_array_equal(azimuth, same_azimuth)
+    up = geometric > np.radians(1.0)
+    lift = np.degrees(apparent - geometric)
+    assert (lift[up] > 0.0).all()
+    assert lift[up].max() < 0.45
+    assert lift[geometric > np.radians(45.0)].max() < 0.02
+    origin = Origin(lat=0.7, lon=0.0)
+    s_n = sun_direction_n(origin, day, 0.7, 0.0, refraction=False)
+    np.testing.assert_allclose(np.arcsin(-s_n[:, 2]), geometric, atol=1e-12)
