@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from uwgraph.dive.folder import read_dive, write_dive
 from uwgraph.errors import ConfigError, DataError
@@ -16,6 +17,7 @@ from uwgraph.frames import matrix_from_rph, wrap_pi
 from uwgraph.simulate import ImageModel, Scene, SimulationSettings, add_sun_images, simulate
 from uwgraph.sun import sun_azimuth_elevation
 from uwgraph.sun.camera import Camera
+from uwgraph.sun.camera_file import read_camera
 from uwgraph.time import from_seconds
 
 CAMERA = Camera("fisheye", f=(42.0, 42.0), c=(47.5, 47.5), size=(96, 96))
@@ -58,6 +60,18 @@ def test_written_dive_reads_back_with_its_images(dive, tmp_path):
     assert first.shape == (96, 96)
     assert 2000 < first.max() <= 4095
     assert "images/sky" in back.provenance["simulated"]
+
+
+def test_calibration_is_written_beside_the_images(dive, tmp_path):
+    camera = Camera(
+        "fisheye", (42.0, 43.0), (47.5, 47.0), (96, 96), R_bs=Rotation.from_rotvec([3.0, 0.2, 0.1]).as_matrix()
+    )
+    model = ImageModel(kind="polarization", rate_hz=0.005, depth=3.0)
+    add_sun_images(dive, tmp_path, camera=camera, scene=CALM, model=model)
+    file = read_camera(tmp_path / "images/sky/camera.yaml")
+    assert (file.camera.f, file.camera.c, file.mosaic) == (camera.f, camera.c, "sony")
+    np.testing.assert_allclose(file.camera.R_bs, camera.R_bs, atol=1e-12)
+    assert file.sensor == model.sensor
 
 
 def test_same_seed_same_pictures(dive, tmp_path):

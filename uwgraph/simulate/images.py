@@ -22,6 +22,7 @@ from uwgraph.simulate.replay import ReferenceMotion
 from uwgraph.simulate.scene import Scene
 from uwgraph.sun import sun_azimuth_elevation
 from uwgraph.sun.camera import Camera
+from uwgraph.sun.camera_file import CameraFile, write_camera
 from uwgraph.sun.sensor import Sensor
 from uwgraph.time import from_seconds, isoformat
 from uwgraph.types import FloatArray, Images
@@ -45,6 +46,11 @@ class ImageModel(Settings):
     """Electrons at the top of the range."""
     read_noise: NonNegative = 3.0
     """Electrons."""
+
+    @property
+    def mosaic(self) -> str | None:
+        """Name of the sensor's layout."""
+        return "sony" if self.kind == "polarization" else None
 
     @property
     def sensor(self) -> Sensor:
@@ -96,6 +102,7 @@ def add_sun_images(
     t, shots = _shots(motion, camera, model)
     place = Path(folder) / "images" / name
     place.mkdir(parents=True, exist_ok=True)
+    write_camera(place / "camera.yaml", CameraFile(camera, model.sensor, model.mosaic))
     t_ns = from_seconds(t, motion.start_ns)
     files = [f"{stamp}.png" for stamp in t_ns]
     rng = Noise.of(seed, f"images {name}").rng
