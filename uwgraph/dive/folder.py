@@ -27,6 +27,8 @@ from uwgraph.errors import DataError
 from uwgraph.types import Images, Origin, Stream
 
 HEADER = "dive.yaml"
+CAMERA_FILE = "camera.yaml"
+"""The calibration beside the images of a camera."""
 FORMATS = (".parquet", ".csv")
 TableFormat = Literal["parquet", "csv"]
 
@@ -107,7 +109,7 @@ def write_dive(
     table_format : {"parquet", "csv"}
         How to write the streams. Either reads back exactly, but for the rounding of degrees.
     images_from : path, optional
-        The dive folder whose image files are copied along; without it only their index is written.
+        The dive folder whose image files and calibrations are copied along; without it only the index is written.
     overwrite : bool
         Replace a dive folder that is already there, as a whole.
 
@@ -212,3 +214,5 @@ def _copy_images(images: Images, source: Path, place: Path) -> None:
         target = place / name
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(source / name, target)
+    if (source / CAMERA_FILE).is_file():
+        shutil.copyfile(source / CAMERA_FILE, place / CAMERA_FILE)
