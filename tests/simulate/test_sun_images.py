@@ -55,6 +55,7 @@ def test_written_dive_reads_back_with_its_images(dive, tmp_path):
     write_dive(seen, tmp_path / "dive", images_from=tmp_path / "work")
     back = read_dive(tmp_path / "dive")
     assert back.images["sky"].file.tolist() == seen.images["sky"].file.tolist()
+    assert read_camera(tmp_path / "dive/images/sky/camera.yaml").camera.size == (96, 96)
     first = pictures(tmp_path / "dive", back)[0]
     assert first.dtype == np.uint16
     assert first.shape == (96, 96)

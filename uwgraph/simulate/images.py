@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uwgraph.dive import Dive
+from uwgraph.dive.folder import CAMERA_FILE
 from uwgraph.dive.rig import NonNegative, Positive, Settings
 from uwgraph.errors import ConfigError, DataError
 from uwgraph.frames import R_n_local, geodetic_from_ned
@@ -102,7 +103,7 @@ def add_sun_images(
     t, shots = _shots(motion, camera, model)
     place = Path(folder) / "images" / name
     place.mkdir(parents=True, exist_ok=True)
-    write_camera(place / "camera.yaml", CameraFile(camera, model.sensor, model.mosaic))
+    write_camera(place / CAMERA_FILE, CameraFile(camera, model.sensor, model.mosaic))
     t_ns = from_seconds(t, motion.start_ns)
     files = [f"{stamp}.png" for stamp in t_ns]
     rng = Noise.of(seed, f"images {name}").rng
