@@ -49,3 +49,4 @@ def test_auto_scale_leaves_the_sky_in_range_and_lets_the_sun_clip():
     assert (counts == 4095).sum() == 10
     assert 2800 < np.sort(counts[:990])[-1] < 4000
     assert auto_scale(np.zeros((3, 3)), 4000.0) == 1.0
+    assert auto_scale(radiance, 4000.0, most=2.0) == 2.0

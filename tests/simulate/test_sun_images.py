@@ -86,6 +86,15 @@ def test_same_seed_same_pictures(dive, tmp_path):
     assert (first != other).mean() > 0.5
 
 
+def test_deep_water_is_dark_in_spite_of_the_automatic_exposure(dive, tmp_path):
+    level = []
+    for depth in (5.0, 60.0):
+        model = ImageModel(rate_hz=0.005, depth=depth)
+        seen = add_sun_images(dive, tmp_path / f"{depth}", camera=CAMERA, scene=Scene(wind=0.0), model=model)
+        level.append(np.median(pictures(tmp_path / f"{depth}", seen)[0]))
+    assert level[1] < 0.1 * level[0]
+
+
 def test_mosaic_images_have_four_polarizers(dive, tmp_path):
     model = MODEL.model_copy(update={"kind": "polarization", "bits": 16, "full_well": 1e6})
     seen = add_sun_images(dive, tmp_path, camera=CAMERA, scene=Scene(wind=0.0, sun=0.0), model=model)

@@ -52,6 +52,9 @@ def simulate(
         Path | None,
         typer.Option(metavar="DIVE", help="A real dive to work on: --grade degrades its IMU, --add adds streams."),
     ] = None,
+    at: Annotated[
+        str | None, typer.Option(metavar="UTC", help="With --on: as if it had begun then, 2022-06-08T09:00:00Z.")
+    ] = None,
     add: Annotated[
         list[Added] | None, typer.Option(help="With --on: a stream derived from the dive's reference; repeatable.")
     ] = None,
@@ -79,8 +82,8 @@ def simulate(
     with progress_bar() as progress, _room_for_images(dest, images is not None) as folder:
         progress("simulating", 0.1)
         if on is None:
-            if add:
-                raise ConfigError("--add needs a dive to add to", where="--add", remedy="name it with --on DIVE")
+            if add or at is not None:
+                raise ConfigError("--add and --at need a dive", where="--add, --at", remedy="name it with --on DIVE")
             dive = _made(asked, settings, no_sun, seed)
         else:
             if (
@@ -89,12 +92,13 @@ def simulate(
                 or any(value is not None for name, value in asked.items() if name != "grade")
             ):
                 raise ConfigError("of a mission's options only --grade goes with --on", where="--on")
-            dive = _added(on, grade, add or [], seed)
+            dive = _added(on, at, grade, add or [], seed)
         if images is not None:
             dive = _photographed(dive, on, folder, {"kind": images, **seen}, seed, progress)
         progress("writing", 0.9)
         _write(dive, dest, folder if images is not None else on, force)
-    note(f"{dest}: " + ", ".join(f"{name} {len(stream)}" for name, stream in dive.streams()))
+    made = [*dive.streams(), *((f"images/{name}", stream) for name, stream in dive.images.items())]
+    note(f"{dest}: " + ", ".join(f"{name} {len(stream)}" for name, stream in made))
 
 
 def _made(asked: dict[str, Any], settings: Path | None, no_sun: bool, seed: int) -> Dive:
@@ -106,11 +110,16 @@ def _made(asked: dict[str, Any], settings: Path | None, no_sun: bool, seed: int)
     return simulate_dive(wanted.model_copy(update={"sun": None}) if no_sun else wanted, seed)
 
 
-def _added(source: Path, grade: Literal["fog", "mems", "noise_free"] | None, add: list[Added], seed: int) -> Dive:
+def _added(
+    source: Path, at: str | None, grade: Literal["fog", "mems", "noise_free"] | None, add: list[Added], seed: int
+) -> Dive:
     from uwgraph import simulate as room
+    from uwgraph.cli.options import utc_ns
     from uwgraph.cli.source import load_dive
 
     dive = load_dive(source)
+    if at is not None:
+        dive = room.begin_at(dive, utc_ns(at, "--at"))
     if grade is not None:
         dive = room.degrade_imu(dive, grade, seed)
     adders: dict[Added, Callable[[Dive], Dive]] = {

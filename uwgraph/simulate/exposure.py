@@ -29,10 +29,12 @@ def mosaic(stokes: FloatArray, layout: tuple[float, float, float, float] = SONY)
     return seen
 
 
-def auto_scale(radiance: FloatArray, white: float, level: float = 0.8, quantile: float = 0.95) -> float:
-    """Counts per unit of radiance that bring a ``quantile`` of the lit pixels to ``level`` of ``white``."""
+def auto_scale(
+    radiance: FloatArray, white: float, most: float = np.inf, level: float = 0.8, quantile: float = 0.95
+) -> float:
+    """Counts per unit of radiance, at most ``most``, that bring a quantile of lit pixels to ``level`` of ``white``."""
     lit = radiance[radiance > 0.0]
-    return level * white / float(np.quantile(lit, quantile)) if len(lit) else 1.0
+    return min(level * white / float(np.quantile(lit, quantile)), most) if len(lit) else min(1.0, most)
 
 
 def expose(

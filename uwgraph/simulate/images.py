@@ -47,6 +47,8 @@ class ImageModel(Settings):
     """Electrons at the top of the range."""
     read_noise: NonNegative = 3.0
     """Electrons."""
+    longest_exposure: Positive = 1000.0
+    """Of the automatic exposure, over that which the clear zenith in air would need; deeper, the images get dark."""
 
     @property
     def mosaic(self) -> str | None:
@@ -147,7 +149,9 @@ def _shots(motion: ReferenceMotion, camera: Camera, model: ImageModel) -> tuple[
 
 def _recorded(stokes: FloatArray, model: ImageModel, rng: np.random.Generator) -> NDArray[Any]:
     radiance = mosaic(stokes) if model.kind == "polarization" else stokes[..., 0]
-    return expose(radiance, model.sensor, auto_scale(radiance, model.sensor.white), model.bits, rng)
+    sensor = model.sensor
+    scale = auto_scale(radiance, sensor.white, most=model.longest_exposure * sensor.white)
+    return expose(radiance, sensor, scale, model.bits, rng)
 
 
 def _write_png(file: Path, image: NDArray[Any]) -> None:
