@@ -64,6 +64,10 @@ class Robust:
     """Kernel of the vote's histogram."""
     rival_apart: float = np.radians(10.0)
     """Axes nearer to each other than this are one."""
+    zenith_tolerance: float = np.radians(5.0)
+    """Candidates farther than this from the almanac's zenith angle come after all others."""
+    off_height: float = 0.1
+    """What the support of such a candidate counts as a rival."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +118,7 @@ class Solution:
     rival_b: FloatArray | None
     """The next best direction, shape (3,), where there is one."""
     rivalry: float
-    """Support of the rival over support of the winner, both above chance, 0 to 1."""
+    """Support of the rival over that of the winner, both above chance, a rival off the almanac's height discounted."""
 
 
 def solve(sky: Evectors, up_b: FloatArray, sun_zenith: float | None = None, robust: Robust | None = None) -> Solution:
@@ -138,16 +142,19 @@ def solve(sky: Evectors, up_b: FloatArray, sun_zenith: float | None = None, robu
     else:
         ballot = vote(sky.a_b, sky.e_b, np.hypot(sky.sigma, _FIRST_EXCESS), up_b, sun_zenith, robust.vote_smoothing)
         starts = [from_azimuth(A, sun_zenith, up_b) for A in ballot.modes] or _search(few, up_b)
-    ranked = _distinct([refine(few, s, up_b, robust) for s in starts], up_b, sun_zenith, robust)
-    fit = refine(sky, ranked[0].s_b, up_b, robust) if len(few) < len(sky) else ranked[0]
-    rival = ranked[1] if len(ranked) > 1 else None
+    fits = _distinct([refine(few, s, up_b, robust) for s in starts], robust)
+    standing = [
+        _above_chance(f) * (1.0 if _at_height(f, up_b, sun_zenith, robust) else robust.off_height) for f in fits
+    ]
+    first, *rest = np.argsort(standing)[::-1]
+    fit = refine(sky, fits[first].s_b, up_b, robust) if len(few) < len(sky) else fits[first]
     return Solution(
         fit=fit,
         cov=covariance(sky, fit),
         chi2=fit.chi2(sky.sigma),
         vote=ballot,
-        rival_b=rival.s_b if rival else None,
-        rivalry=_above_chance(rival) / _above_chance(ranked[0]) if rival else 0.0,
+        rival_b=fits[rest[0]].s_b if rest else None,
+        rivalry=standing[rest[0]] / standing[first] if rest else 0.0,
     )
 
 
@@ -155,11 +162,11 @@ def refine(sky: Evectors, s_b: FloatArray, up_b: FloatArray, robust: Robust, rou
     """The smallest eigenvector by reweighting, from a start ``s_b`` (3,)."""
     excess = _FIRST_EXCESS
     for _ in range(rounds):
-        sin2, residual = _residuals(sky, s_b)
+        residual = residuals(sky, s_b)
         variance = sky.sigma**2 + excess**2
         scale2 = np.maximum(robust.least_scale**2, robust.sigmas**2 * variance)
         trust = 1.0 / (1.0 + residual**2 / scale2) ** 2
-        weight = trust / (variance * sin2)
+        weight = trust / (variance * _sin2(sky, s_b))
         noise = weight * residual**2
         M = (sky.e_b.T * weight) @ sky.e_b + (sky.a_b.T * noise) @ sky.a_b - noise.sum() * np.eye(3)
         spectrum = Spectrum.of(M)
@@ -180,8 +187,7 @@ def covariance(sky: Evectors, fit: Fit, nuisance: FloatArray | None = None) -> F
     nuisance : shape (N, K), optional
         Derivative of the residuals by further unknowns.
     """
-    sin2, _ = _residuals(sky, fit.s_b)
-    J = (sky.e_b @ fit.E) / np.sqrt(sin2)[:, None]
+    J = (sky.e_b @ fit.E) / np.sqrt(_sin2(sky, fit.s_b))[:, None]
     if nuisance is not None:
         J = np.hstack([J, nuisance])
     x2 = fit.residual**2 / fit.scale2
@@ -192,7 +198,7 @@ def covariance(sky: Evectors, fit: Fit, nuisance: FloatArray | None = None) -> F
     blocks = np.unique(sky.block, return_inverse=True)[1]
     if blocks.max() + 1 < _FEW_BLOCKS:
         square = np.average(fit.residual**2 / fit.variance, weights=fit.trust)
-        cov: FloatArray = np.linalg.inv(H) * max(1.0, float(square))
+        cov = np.asarray(np.linalg.inv(H) * max(1.0, float(square)), dtype=np.float64)
     else:
         cov = block_sandwich(J * (fit.trust / fit.variance * fit.residual)[:, None], blocks, H)
     return cov[:2, :2]
@@ -205,10 +211,14 @@ def from_azimuth(azimuth: float, zenith: float, up_b: FloatArray) -> FloatArray:
     return s_b
 
 
-def _residuals(sky: Evectors, s_b: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """sin^2(gamma), and the sine of the e-vectors' angle against the model."""
-    sin2 = np.maximum(1.0 - (sky.a_b @ s_b) ** 2, _NEAR_SUN)
-    return sin2, (sky.e_b @ s_b) / np.sqrt(sin2)
+def residuals(sky: Evectors, s_b: FloatArray) -> FloatArray:
+    """Sines, shape (N,), of the e-vectors' angles against what a sun at ``s_b`` (3,) makes of them."""
+    return np.asarray((sky.e_b @ s_b) / np.sqrt(_sin2(sky, s_b)))
+
+
+def _sin2(sky: Evectors, s_b: FloatArray) -> FloatArray:
+    """sin^2 of the angle from the sun."""
+    return np.asarray(np.maximum(1.0 - (sky.a_b @ s_b) ** 2, _NEAR_SUN))
 
 
 def _excess(residual: FloatArray, sigma: FloatArray, variance: FloatArray, scale2: FloatArray, robust: Robust) -> float:
@@ -228,17 +238,16 @@ def _above_chance(fit: Fit) -> float:
     return max(fit.support - fit.chance, 1e-6)
 
 
-def _distinct(fits: list[Fit], up_b: FloatArray, sun_zenith: float | None, robust: Robust) -> list[Fit]:
-    """Different axes, the best supported first; those at the almanac's height before all others."""
+def _at_height(fit: Fit, up_b: FloatArray, sun_zenith: float | None, robust: Robust) -> bool:
+    if sun_zenith is None:
+        return True
+    return bool(abs(np.arccos(np.clip(fit.s_b @ up_b, -1.0, 1.0)) - sun_zenith) < robust.zenith_tolerance)
 
-    def rank(fit: Fit) -> tuple[bool, float]:
-        if sun_zenith is None:
-            return False, -_above_chance(fit)
-        off = abs(np.arccos(np.clip(fit.s_b @ up_b, -1.0, 1.0)) - sun_zenith)
-        return bool(off > robust.rival_apart), -_above_chance(fit)
 
+def _distinct(fits: list[Fit], robust: Robust) -> list[Fit]:
+    """One fit for each axis."""
     kept: list[Fit] = []
-    for fit in sorted(fits, key=rank):
+    for fit in sorted(fits, key=_above_chance, reverse=True):
         if all(abs(fit.s_b @ k.s_b) < np.cos(robust.rival_apart) for k in kept):
             kept.append(fit)
     return kept

@@ -1,0 +1,191 @@
+"""The sun from a polarization image: in air, or through the surface from under water.
+
+In air every pixel's e-vector is orthogonal to the sun. Under water the e-vectors are carried through the surface
+first; the water's own depolarization is one unknown, kappa, chosen so that the sky fits the model best, with the
+sun's height from the almanac where it is known. kappa is then estimated beside the direction, so that the height that
+chose it is not counted as measured.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from uwgraph.errors import DataError
+from uwgraph.sun.eigen import Evectors, Robust, Solution, covariance, from_azimuth, refine, residuals, solve
+from uwgraph.sun.evector import IndexArray, Light, light_of, submerge
+from uwgraph.sun.observation import GOOD, SunFlag, SunObservation, azimuth_in_level, level_axes
+from uwgraph.sun.stokes import StokesImage
+from uwgraph.sun.verdict import Gates, nothing, observation
+from uwgraph.sun.view import View
+from uwgraph.types import FloatArray
+
+_HOPELESS: Final = SunFlag.DARK | SunFlag.SATURATED | SunFlag.UNPOLARIZED | SunFlag.SMALL_WINDOW
+KAPPAS: Final = np.geomspace(1.0, 16.0, 24)
+_TILT: Final = np.radians(0.5)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of :func:`estimate`; angles in rad."""
+
+    max_zenith_air: float = np.radians(85.0)
+    """Sky farther from the zenith is not used."""
+    max_zenith_water: float = np.radians(75.0)
+    """The same under water (angle above the surface): near the window's edge the surface magnifies every error."""
+    dop_error: float = 0.002
+    """Error of the degree of polarization from the sensor itself (gains, crosstalk), 1-sigma."""
+    least_dop: float = 0.02
+    """Degree of polarization that a tenth of the sky in view must exceed."""
+    least_significance: float = 3.0
+    """Polarized part over its noise, below which a pixel's angle is at random rather than noisy."""
+    least_pixels: int = 100
+    redundancy: float = 0.2
+    """Most that the four channels may contradict each other, over the polarized part: their order is wrong else."""
+    blocks: int = 12
+    """Blocks along the longer side of the image; e-vectors within a block may err together."""
+    search: int = 1500
+    """Pixels with which kappa and the effect of tilt are found."""
+    wave_inflation: float = 2.5
+    """Factor on the covariance under water: waves err together beyond a block."""
+    robust: Robust = field(default_factory=Robust)
+    gates: Gates = field(default_factory=Gates)
+
+
+@dataclass(frozen=True, eq=False)
+class PolarizationEstimate:
+    """An observation and what it came from; arrays have one row for each pixel in use."""
+
+    observation: SunObservation
+    image: StokesImage
+    pixels: IndexArray
+    """Flat indices into the image, shape (N,)."""
+    sky: Evectors | None
+    """Directions and e-vectors in the sky; None where no pixel was of use."""
+    solution: Solution | None
+    kappa: float = 1.0
+    """By how much the water lessened the degree of polarization."""
+
+
+def estimate(image: StokesImage, view: View, settings: Settings | None = None) -> PolarizationEstimate:
+    """The sun's direction from a Stokes image; ``view`` is that of the camera as it is, before binning.
+
+    Raises
+    ------
+    DataError
+        The image is not of the camera's size.
+    """
+    settings = settings or Settings()
+    view = view.binned(image.factor)
+    if image.I.shape[::-1] != view.camera.size:
+        raise DataError(
+            f"the image has {image.I.shape[::-1]} pixels and the camera {view.camera.size} (width, height, binned)",
+            where="camera file",
+            remedy="give the camera file that belongs to this image",
+        )
+    pixels, share, flags = _screened(image, view, settings)
+    if flags & _HOPELESS:
+        return PolarizationEstimate(nothing(flags, view.up_b, view.t_ns), image, pixels, None, None)
+    light = light_of(image, view, pixels, _blocks(image, pixels, settings), settings.dop_error)
+    if view.in_water:
+        sky, solution, cov, kappa = _through_surface(light, view, settings)
+    else:
+        sky, kappa = light.evectors(), 1.0
+        solution = solve(sky, view.up_b, view.sun_zenith, settings.robust)
+        cov = solution.cov
+    found = observation(
+        solution,
+        cov,
+        view.up_b,
+        sun_zenith=view.sun_zenith,
+        tilt_sigma=view.tilt_sigma,
+        t_ns=view.t_ns,
+        flags=flags,
+        share=share,
+        gates=settings.gates,
+    )
+    return PolarizationEstimate(found, image, pixels, sky, solution, kappa)
+
+
+def _screened(image: StokesImage, view: View, settings: Settings) -> tuple[IndexArray, float, SunFlag]:
+    """Flat indices of the pixels of use, their share of the sky in view, and doubts."""
+    limit = settings.max_zenith_water if view.in_water else settings.max_zenith_air
+    in_sky = view.sky_rays() @ view.up_b > np.cos(limit)
+    seen = int(in_sky.sum())
+    if seen < max(settings.least_pixels, 0.02 * in_sky.size):
+        return np.flatnonzero(in_sky), 0.0, SunFlag.SMALL_WINDOW
+    saturated, dark = image.saturated.ravel() & in_sky, image.dark.ravel() & in_sky
+    pixels = np.flatnonzero(in_sky & ~saturated & ~dark)
+    share = len(pixels) / seen
+    if share < 0.5 and max(saturated.sum(), dark.sum()) > 0.45 * seen:
+        return pixels, share, SunFlag.SATURATED if saturated.sum() > dark.sum() else SunFlag.DARK
+    I, Q, U, sigma = (x.ravel()[pixels] for x in (image.I, image.Q, image.U, image.sigma))  # noqa: E741
+    degree, noise = np.hypot(Q, U) / I, np.hypot(sigma / I, settings.dop_error)
+    polarized = degree > settings.least_significance * noise
+    if polarized.sum() < settings.least_pixels or np.quantile(degree, 0.9) < settings.least_dop:
+        uniform = len(pixels) > 0 and np.std(np.log(I)) < 0.02
+        return pixels, share, SunFlag.UNPOLARIZED | (SunFlag.UNIFORM if uniform else GOOD)
+    doubts = SunFlag.MISFIT if image.redundancy > settings.redundancy else GOOD
+    return pixels[polarized], share * float(polarized.mean()), doubts
+
+
+def _blocks(image: StokesImage, pixels: IndexArray, settings: Settings) -> IndexArray:
+    """Number of the square block of the image that each pixel belongs to."""
+    side = -(-max(image.I.shape) // settings.blocks)
+    row, column = np.divmod(pixels, image.I.shape[1])
+    return np.asarray(row // side * settings.blocks + column // side)
+
+
+def _through_surface(light: Light, view: View, settings: Settings) -> tuple[Evectors, Solution, FloatArray, float]:
+    """The sky above the surface, the solution in it, its covariance and kappa."""
+    few = light.select(slice(None, None, max(1, len(light.I) // settings.search)))
+    kappa = _depolarization(few, view, settings)
+    below = submerge(light, view.up_b, view.n)
+    sky = below.evectors(kappa)
+    solution = solve(sky, view.up_b, view.sun_zenith, settings.robust)
+    fit = solution.fit
+    more = below.evectors(1.02 * kappa)
+    same = np.where(np.einsum("ni,ni->n", more.e_b, sky.e_b) < 0.0, -1.0, 1.0)
+    by_log_kappa = (same * residuals(more, fit.s_b) - residuals(sky, fit.s_b)) / np.log(1.02)
+    cov = settings.wave_inflation * covariance(sky, fit, by_log_kappa[:, None])
+    by_tilt = fit.E.T @ _tilt_effect(few, view, fit.s_b, kappa, settings)
+    return sky, solution, cov + view.tilt_sigma**2 * by_tilt @ by_tilt.T, kappa
+
+
+def _depolarization(light: Light, view: View, settings: Settings) -> float:
+    """kappa with the least bounded residual; with the sun's height of the almanac where it is known."""
+    below = submerge(light, view.up_b, view.n)
+    s_b = solve(below.evectors(1.3), view.up_b, view.sun_zenith, settings.robust).fit.s_b
+    costs = np.empty(len(KAPPAS))
+    for k, kappa in enumerate(KAPPAS):
+        sky = below.evectors(kappa)
+        s_k = refine(sky, s_b, view.up_b, settings.robust, rounds=5).s_b
+        if view.sun_zenith is not None:
+            s_k = from_azimuth(float(azimuth_in_level(s_k, view.up_b)), view.sun_zenith, view.up_b)
+        square = np.minimum(residuals(sky, s_k) ** 2, np.sin(np.radians(6.0)) ** 2)
+        costs[k] = (square / (sky.sigma**2 + np.radians(1.0) ** 2)).sum()
+    best = int(np.clip(np.argmin(costs), 1, len(KAPPAS) - 2))
+    before, at, after = costs[best - 1 : best + 2]
+    bend = before - 2.0 * at + after
+    step = float(np.clip(0.5 * (before - after) / bend, -1.0, 1.0)) if bend > 0.0 else 0.0
+    return float(KAPPAS[best] * (KAPPAS[1] / KAPPAS[0]) ** step)
+
+
+def _tilt_effect(light: Light, view: View, s_b: FloatArray, kappa: float, settings: Settings) -> FloatArray:
+    """Derivative (3, 2) of the direction by a tilt of the assumed vertical about two horizontal axes."""
+    bow, starboard, _ = level_axes(view.up_b)
+    columns = []
+    for axis in (bow, starboard):
+        there, back = (
+            refine(_tilted_sky(light, view, sign * _TILT * axis, kappa), s_b, view.up_b, settings.robust, rounds=8).s_b
+            for sign in (1.0, -1.0)
+        )
+        columns.append((there - back) / (2.0 * _TILT))
+    return np.stack(columns, axis=1)
+
+
+def _tilted_sky(light: Light, view: View, tilt: FloatArray, kappa: float) -> Evectors:
+    up_b = view.up_b + tilt
+    return submerge(light, up_b / np.linalg.norm(up_b), view.n).evectors(kappa)
