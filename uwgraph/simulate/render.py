@@ -145,7 +145,7 @@ def _disc(scene: Scene, shot: Shot) -> float:
 
     Waves break the sun into more images, each smaller, than there are rays; without this the light would flicker.
     """
-    rough = shot.depth is not None and not scene.sea(0).flat
+    rough = shot.depth is not None and max(scene.wind, scene.swell_height) > 0.0
     pixels = (4.0 if rough else 1.5) / np.sqrt(scene.samples)
     return float(max(SUN_RADIUS, pixels / min(shot.camera.f)))
 
