@@ -63,8 +63,8 @@ def test_a_patch_far_away_is_the_same_sea():
 
 
 def test_calm_is_flat():
-    assert Sea.draw(RNG(0), 0.0).flat
-    assert not Sea.draw(RNG(0), 0.1).flat
+    assert len(Sea.draw(RNG(0), 0.0).k) == 0
+    assert not Sea.draw(RNG(0), 0.0).slope(np.zeros((3, 2)), 5.0).any()
 
 
 def test_blur_keeps_the_light_and_narrows_nothing():

@@ -54,10 +54,6 @@ class Sea:
         return cls(k[kept], amplitude[kept], rng.uniform(0.0, 2.0 * np.pi, kept.sum()))
 
     @property
-    def flat(self) -> bool:
-        return len(self.k) == 0
-
-    @property
     def omega(self) -> FloatArray:
         """Angular frequencies in deep water, with surface tension, shape (K,), rad/s."""
         k = np.linalg.norm(self.k, axis=1)
