@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
+
+from uwgraph.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -28,3 +31,21 @@ def settings_from(model: type[Model], file: Path | None, asked: Mapping[str, Any
     values = read_yaml(file)
     stated = parse_settings(model, values, str(file)).model_dump(exclude_unset=True)
     return parse_settings(model, stated | given, "command line")
+
+
+def utc_ns(text: str, where: str) -> int:
+    """Nanoseconds UTC of an ISO 8601 time with a zone.
+
+    Raises
+    ------
+    ConfigError
+        When it is no time, or has no zone.
+    """
+    from uwgraph.time import from_datetime
+
+    try:
+        return from_datetime(datetime.fromisoformat(text))
+    except ValueError as error:
+        raise ConfigError(f"{text!r} is no time", where=where, remedy="write 2022-06-08T09:00:00Z") from error
+    except DataError as error:
+        raise ConfigError(error.problem, where=where, remedy=error.remedy) from error

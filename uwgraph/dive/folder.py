@@ -16,13 +16,13 @@ import numpy as np
 import yaml
 from pydantic import Field, field_validator
 
-from uwgraph.atomic import atomic_folder
+from uwgraph.atomic import atomic_file, atomic_folder
 from uwgraph.dive.layout import stream_columns, stream_from_table, table_from_stream
 from uwgraph.dive.model import STREAM_TYPES, Dive
 from uwgraph.dive.rig import Rig, Settings
 from uwgraph.dive.tables import read_table, write_table
-from uwgraph.dive.validate import validate_dive
-from uwgraph.dive.yamlfile import read_settings
+from uwgraph.dive.validate import validate_dive, validate_stream
+from uwgraph.dive.yamlfile import read_settings, read_yaml
 from uwgraph.errors import DataError
 from uwgraph.types import Images, Origin, Stream
 
@@ -130,6 +130,32 @@ def write_dive(
                 _copy_images(images, Path(images_from) / "images" / camera, place)
 
 
+def add_stream(path: str | Path, name: str, stream: Stream, *, replace: bool = False) -> None:
+    """Put one stream into a dive folder that is there.
+
+    The table is written first and then listed, each whole or not at all: interrupted in between, the folder names an
+    unlisted file when it is read, and nothing is lost.
+
+    Raises
+    ------
+    DataError
+        When the stream is there and ``replace`` is false, is not valid, or cannot be written.
+    """
+    folder = Path(path)
+    header = read_settings(Header, folder / HEADER)
+    validate_stream(name, stream, str(folder / name))
+    if name in header.streams and not replace:
+        raise DataError(f"the dive has a stream {name!r}", where=str(folder), remedy="ask for it to be replaced")
+    file = _table_file(folder, name) if name in header.streams else folder / f"{name}.parquet"
+    with atomic_file(file) as partial:
+        write_table(partial, table_from_stream(name, stream))
+    if name not in header.streams:
+        values = read_yaml(folder / HEADER)
+        values["streams"] = [*values["streams"], name]
+        with atomic_file(folder / HEADER) as partial:
+            partial.write_text(_yaml_text(values, folder / HEADER), encoding="utf-8")
+
+
 def _header_text(dive: Dive, path: str | Path) -> str:
     header = {
         "origin": {"lat_deg": float(np.degrees(dive.origin.lat)), "lon_deg": float(np.degrees(dive.origin.lon))},
@@ -137,12 +163,16 @@ def _header_text(dive: Dive, path: str | Path) -> str:
         "streams": [*(name for name, _ in dive.streams()), *(f"images/{camera}" for camera in dive.images)],
         "provenance": dict(dive.provenance),
     }
+    return _yaml_text(header, Path(path) / HEADER)
+
+
+def _yaml_text(header: dict[str, Any], where: Path) -> str:
     try:
         return yaml.safe_dump(header, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
     except yaml.YAMLError as error:
         raise DataError(
             f"the provenance holds what YAML cannot ({str(error)[:100]})",
-            where=str(Path(path) / HEADER),
+            where=str(where),
             remedy="use plain numbers, texts, lists and dicts",
         ) from error
 

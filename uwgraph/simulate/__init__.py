@@ -1,5 +1,6 @@
 """Simulated dives, and simulated sensors on real ones."""
 
+from uwgraph.simulate.begin import begin_at
 from uwgraph.simulate.degrade import add_depth, add_dvl, add_fixes, add_sun, add_sun_heading, degrade_imu
 from uwgraph.simulate.dive import SimulationSettings, simulate, trajectory_of, truth
 from uwgraph.simulate.images import SKY_CAMERA, ImageModel, add_sun_images
@@ -28,6 +29,7 @@ __all__ = [
     "add_sun",
     "add_sun_heading",
     "add_sun_images",
+    "begin_at",
     "degrade_imu",
     "render",
     "simulate",
