@@ -24,8 +24,10 @@ from uwgraph.types import FloatArray
 
 _NEAR_SUN: Final = np.sin(np.radians(3.0)) ** 2  # nearer the sun an e-vector's angle says nothing
 _FEW_BLOCKS: Final = 20  # a sandwich of fewer is no estimate of anything
-_CANDIDATE_PIXELS: Final = 2500  # enough to tell candidates apart
+_VOTERS: Final = 4000  # enough for a histogram
+_JUDGES: Final = 1500  # enough to tell candidates apart
 _FIRST_EXCESS: Final = np.radians(1.0)
+_STEP: Final = np.radians(1e-4)  # the reweighting has converged
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +48,8 @@ class Evectors:
 
     def thinned(self, count: int) -> Evectors:
         """About ``count`` of them, evenly."""
-        every = slice(None, None, max(1, len(self) // count))
-        return Evectors(self.a_b[every], self.e_b[every], self.sigma[every], self.block[every])
+        kept = evenly(len(self), count)
+        return Evectors(self.a_b[kept], self.e_b[kept], self.sigma[kept], self.block[kept])
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,7 @@ class Solution:
     chi2: float
     """Mean square of the trusted residuals over the stated noise."""
     vote: Vote | None
-    """None where the sun's zenith angle was not given."""
+    """Of some thousand e-vectors; None where the sun's zenith angle was not given."""
     rival_b: FloatArray | None
     """The next best direction, shape (3,), where there is one."""
     rivalry: float
@@ -135,19 +137,23 @@ def solve(sky: Evectors, up_b: FloatArray, sun_zenith: float | None = None, robu
         apart; the winner's own zenith angle is free. Without it the search is over all directions.
     """
     robust = robust or Robust()
-    few = sky.thinned(_CANDIDATE_PIXELS)
+    few, voters = sky.thinned(_JUDGES), sky.thinned(_VOTERS)
     ballot = None
     if sun_zenith is None:
         starts = _search(few, up_b)
     else:
-        ballot = vote(sky.a_b, sky.e_b, np.hypot(sky.sigma, _FIRST_EXCESS), up_b, sun_zenith, robust.vote_smoothing)
+        ballot = vote(
+            voters.a_b, voters.e_b, np.hypot(voters.sigma, _FIRST_EXCESS), up_b, sun_zenith, robust.vote_smoothing
+        )
         starts = [from_azimuth(A, sun_zenith, up_b) for A in ballot.modes] or _search(few, up_b)
     fits = _distinct([refine(few, s, up_b, robust) for s in starts], robust)
     standing = [
         _above_chance(f) * (1.0 if _at_height(f, up_b, sun_zenith, robust) else robust.off_height) for f in fits
     ]
     first, *rest = np.argsort(standing)[::-1]
-    fit = refine(sky, fits[first].s_b, up_b, robust) if len(few) < len(sky) else fits[first]
+    fit = fits[first]
+    if len(few) < len(sky):
+        fit = refine(sky, fit.s_b, up_b, robust, fit.excess)
     return Solution(
         fit=fit,
         cov=covariance(sky, fit),
@@ -158,50 +164,73 @@ def solve(sky: Evectors, up_b: FloatArray, sun_zenith: float | None = None, robu
     )
 
 
-def refine(sky: Evectors, s_b: FloatArray, up_b: FloatArray, robust: Robust, rounds: int = 20) -> Fit:
-    """The smallest eigenvector by reweighting, from a start ``s_b`` (3,)."""
-    excess = _FIRST_EXCESS
+def refine(
+    sky: Evectors, s_b: FloatArray, up_b: FloatArray, robust: Robust, excess: float | None = None, rounds: int = 12
+) -> Fit:
+    """The smallest eigenvector by reweighting, from a start ``s_b`` (3,); ``excess`` is estimated where not given."""
+    departure = _FIRST_EXCESS if excess is None else excess
     for _ in range(rounds):
-        residual = residuals(sky, s_b)
-        variance = sky.sigma**2 + excess**2
+        residual, sin2 = residuals(sky, s_b), _sin2(sky, s_b)
+        variance = sky.sigma**2 + departure**2
         scale2 = np.maximum(robust.least_scale**2, robust.sigmas**2 * variance)
-        trust = 1.0 / (1.0 + residual**2 / scale2) ** 2
-        weight = trust / (variance * _sin2(sky, s_b))
-        noise = weight * residual**2
+        square = residual**2
+        trust = 1.0 / (1.0 + square / scale2) ** 2
+        weight = trust / (variance * sin2)
+        noise = weight * square
         M = (sky.e_b.T * weight) @ sky.e_b + (sky.a_b.T * noise) @ sky.a_b - noise.sum() * np.eye(3)
         spectrum = Spectrum.of(M)
         step = np.linalg.norm(np.cross(spectrum.s, s_b))
         s_b = spectrum.s
-        excess = _excess(residual, sky.sigma, variance, scale2, robust)
-        if step < 1e-7:
+        if step < _STEP:
             break
+        if excess is None:
+            departure = _excess(residual, sky.sigma, variance, scale2, robust)
     upright = -1.0 if s_b @ up_b < 0.0 else 1.0
-    return Fit(upright * s_b, spectrum.E, upright * residual, variance, trust, scale2, excess)
+    return Fit(upright * s_b, spectrum.E, upright * residual, variance, trust, scale2, departure)
 
 
-def covariance(sky: Evectors, fit: Fit, nuisance: FloatArray | None = None) -> FloatArray:
-    """Covariance (2, 2) [rad^2] of the direction along ``fit.E``, with ``nuisance`` unknowns estimated beside it.
+def covariance(
+    sky: Evectors, fit: Fit, nuisance: FloatArray | None = None, prior_sigma: FloatArray | None = None
+) -> FloatArray:
+    """Covariance (2, 2) [rad^2] of the direction along ``fit.E``, with K further unknowns estimated beside it.
 
     Parameters
     ----------
     nuisance : shape (N, K), optional
         Derivative of the residuals by further unknowns.
+    prior_sigma : shape (K,), optional
+        How well they were known beforehand; infinite for not at all.
     """
-    J = (sky.e_b @ fit.E) / np.sqrt(_sin2(sky, fit.s_b))[:, None]
-    if nuisance is not None:
-        J = np.hstack([J, nuisance])
-    x2 = fit.residual**2 / fit.scale2
-    bend = fit.trust * (1.0 - 3.0 * x2) / (1.0 + x2)  # derivative of the weighted residual: outliers bend it down
-    H = (J.T * (bend / fit.variance)) @ J
+    J = jacobian(sky, fit, nuisance)
+    H = curvature(J, fit)
+    scores = J * (fit.trust / fit.variance * fit.residual)[:, None]
+    blocks = np.unique(sky.block, return_inverse=True)[1]
+    if prior_sigma is not None:
+        known = np.diag(np.concatenate([np.zeros(2), 1.0 / prior_sigma]))
+        H = H + known**2
+        scores, blocks = np.vstack([scores, known]), np.concatenate([blocks, blocks.max() + 1 + np.arange(len(known))])
     if np.linalg.eigvalsh(H)[0] <= 0.0:
         return np.full((2, 2), np.inf)
-    blocks = np.unique(sky.block, return_inverse=True)[1]
     if blocks.max() + 1 < _FEW_BLOCKS:
         square = np.average(fit.residual**2 / fit.variance, weights=fit.trust)
         cov = np.asarray(np.linalg.inv(H) * max(1.0, float(square)), dtype=np.float64)
     else:
-        cov = block_sandwich(J * (fit.trust / fit.variance * fit.residual)[:, None], blocks, H)
+        cov = block_sandwich(scores, blocks, H)
     return cov[:2, :2]
+
+
+def jacobian(sky: Evectors, fit: Fit, nuisance: FloatArray | None = None) -> FloatArray:
+    """Derivative of the residuals by the direction along ``fit.E`` and by the nuisance, shape (N, 2 + K)."""
+    J = (sky.e_b @ fit.E) / np.sqrt(_sin2(sky, fit.s_b))[:, None]
+    return J if nuisance is None else np.hstack([J, nuisance])
+
+
+def curvature(J: FloatArray, fit: Fit) -> FloatArray:
+    """Half the second derivative of the robust objective."""
+    x2 = fit.residual**2 / fit.scale2
+    bend = fit.trust * (1.0 - 3.0 * x2) / (1.0 + x2)  # derivative of the weighted residual: outliers bend it down
+    H: FloatArray = (J.T * (bend / fit.variance)) @ J
+    return H
 
 
 def from_azimuth(azimuth: float, zenith: float, up_b: FloatArray) -> FloatArray:
@@ -209,6 +238,11 @@ def from_azimuth(azimuth: float, zenith: float, up_b: FloatArray) -> FloatArray:
     level = np.array([np.sin(zenith) * np.cos(azimuth), np.sin(zenith) * np.sin(azimuth), np.cos(zenith)])
     s_b: FloatArray = level_axes(up_b).T @ level
     return s_b
+
+
+def evenly(total: int, count: int) -> NDArray[np.intp]:
+    """At most ``count`` indices below ``total``; their steps are no whole number, so that no column is favoured."""
+    return np.linspace(0, total - 1, min(count, total)).astype(np.intp)
 
 
 def residuals(sky: Evectors, s_b: FloatArray) -> FloatArray:

@@ -49,41 +49,61 @@ class Light:
     block: IndexArray
     """Number of the pixel's block, shape (N,)."""
 
-    def evectors(self) -> Evectors:
-        """The e-vectors as they are, along the rays."""
-        sigma = 0.5 * self.sigma / np.maximum(np.hypot(self.Q, self.U), 1e-300)
-        return _evectors(self.w_b, self.x_b, np.cross(self.w_b, self.x_b), self.Q, self.U, sigma, self.block)
-
-    def select(self, index: slice) -> Light:
+    def select(self, index: IndexArray) -> Light:
         w_b, x_b, I, Q, U, sigma = (x[index] for x in (self.w_b, self.x_b, self.I, self.Q, self.U, self.sigma))  # noqa: E741
         return Light(w_b, x_b, I, Q, U, sigma, self.block[index])
 
 
+@dataclass(frozen=True)
+class Unknowns:
+    """What is not known of the light's way, beside the sun."""
+
+    log_kappa: float = 0.0
+    """Logarithm of how much the water, after the surface, lessened the degree of polarization; 0 in air."""
+    twice: float = 0.0
+    """Vertical polarization near the horizon by light that was scattered twice, as a share of the intensity.
+
+    It falls off as sin^2 of the zenith angle and makes the sky's neutral points (Berry, Dennis & Lee, New J. Phys. 6,
+    162, 2004).
+    """
+
+
 @dataclass(frozen=True, eq=False)
-class Submerged:
-    """Light under a level surface, about the horizontal axis, and what the surface did to it."""
+class Skylight:
+    """Light about horizontal axes, below a level surface or in air, and what the surface did to it."""
 
     a_b: FloatArray
-    """Directions above the surface, shape (N, 3)."""
+    """Directions in the sky, above the surface, shape (N, 3)."""
     s_axis: FloatArray
     """Unit horizontal axes, normal to the plane of incidence, shape (N, 3)."""
+    p_axis: FloatArray
+    """a x s_axis, shape (N, 3)."""
+    sin2: FloatArray
+    """sin^2 of the zenith angle of ``a_b``, shape (N,)."""
     light: Light
     """Q and U about ``s_axis``."""
     A: FloatArray
-    """(t_s^2 + t_p^2) / 2, shape (N,); B is half the difference, C the product of t_s and t_p."""
+    """(t_s^2 + t_p^2) / 2, shape (N,); B is half the difference, C the product of t_s and t_p. 1, 0, 1 in air."""
     B: FloatArray
     C: FloatArray
 
-    def evectors(self, kappa: float) -> Evectors:
-        """The e-vectors above the surface.
-
-        ``kappa`` >= 1: by how much the water, after the surface, lessened the degree of polarization.
-        """
+    def evectors(self, unknowns: Unknowns) -> Evectors:
+        """The e-vectors of the light that was scattered once, above the surface."""
         light, A, B, C = self.light, self.A, self.B, self.C
+        kappa = np.exp(unknowns.log_kappa)
         Q = A * kappa * light.Q - B * light.I
         U = C * kappa * light.U
+        Q = Q + unknowns.twice * self.sin2 * (A * light.I - B * kappa * light.Q)
         sigma = 0.5 * kappa * light.sigma * np.hypot(Q * C, U * A) / np.maximum(Q * Q + U * U, 1e-300)
-        return _evectors(self.a_b, self.s_axis, np.cross(self.a_b, self.s_axis), Q, U, sigma, light.block)
+        chi = np.arctan2(U, Q) / 2.0
+        e_b = np.cos(chi)[:, None] * self.s_axis + np.sin(chi)[:, None] * self.p_axis
+        return Evectors(self.a_b, e_b, np.clip(sigma, _EXACT, _RANDOM), light.block)
+
+    def select(self, index: IndexArray) -> Skylight:
+        a, s, p, sin2, A, B, C = (
+            x[index] for x in (self.a_b, self.s_axis, self.p_axis, self.sin2, self.A, self.B, self.C)
+        )
+        return Skylight(a, s, p, sin2, self.light.select(index), A, B, C)
 
 
 def light_of(image: StokesImage, view: View, use: IndexArray, block: IndexArray, dop_error: float) -> Light:
@@ -102,8 +122,8 @@ def light_of(image: StokesImage, view: View, use: IndexArray, block: IndexArray,
     return Light(view.body_rays()[0][use], lines.radial_b[use], I, Q, U, sigma, block)
 
 
-def submerge(light: Light, up_b: FloatArray, n: float) -> Submerged:
-    """The light about the horizontal axis, with the surface above it, level as ``up_b`` says."""
+def skylight(light: Light, up_b: FloatArray, n: float) -> Skylight:
+    """The light about the horizontal axis; under water (``n`` > 1) below a surface that is level as ``up_b`` says."""
     across = np.cross(up_b, light.w_b)
     across[np.abs(across).max(axis=1) < 1e-9] = np.cross(up_b, [up_b[1], up_b[2], up_b[0]])  # straight up: any will do
     s_axis = across / np.linalg.norm(across, axis=1)[:, None]
@@ -112,17 +132,11 @@ def submerge(light: Light, up_b: FloatArray, n: float) -> Submerged:
     cos_2chi, sin_2chi = cos_chi**2 - sin_chi**2, 2.0 * sin_chi * cos_chi
     Q = light.Q * cos_2chi + light.U * sin_2chi
     U = light.U * cos_2chi - light.Q * sin_2chi
-    a_b = to_air(light.w_b, up_b, n)
     turned = Light(light.w_b, s_axis, light.I, Q, U, light.sigma, light.block)
-    return Submerged(a_b, s_axis, turned, *_fresnel(a_b @ up_b, n))
-
-
-def _evectors(
-    a_b: FloatArray, x: FloatArray, y: FloatArray, Q: FloatArray, U: FloatArray, sigma: FloatArray, block: IndexArray
-) -> Evectors:
-    chi = np.arctan2(U, Q) / 2.0
-    e_b = np.cos(chi)[:, None] * x + np.sin(chi)[:, None] * y
-    return Evectors(a_b, e_b, np.clip(sigma, _EXACT, _RANDOM), block)
+    a_b = to_air(light.w_b, up_b, n) if n > 1.0 else light.w_b
+    cos_zenith = a_b @ up_b
+    A, B, C = _fresnel(cos_zenith, n)
+    return Skylight(a_b, s_axis, np.cross(a_b, s_axis), 1.0 - cos_zenith**2, turned, A, B, C)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,22 +8,22 @@ chose it is not counted as measured.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 
 from uwgraph.errors import DataError
-from uwgraph.sun.eigen import Evectors, Robust, Solution, covariance, from_azimuth, refine, residuals, solve
-from uwgraph.sun.evector import IndexArray, Light, light_of, submerge
-from uwgraph.sun.observation import GOOD, SunFlag, SunObservation, azimuth_in_level, level_axes
+from uwgraph.sun.eigen import Evectors, Robust, Solution, covariance, evenly, refine, solve
+from uwgraph.sun.evector import IndexArray, Light, Unknowns, light_of, skylight
+from uwgraph.sun.observation import GOOD, SunFlag, SunObservation, level_axes
 from uwgraph.sun.stokes import StokesImage
-from uwgraph.sun.verdict import Gates, nothing, observation
+from uwgraph.sun.unknowns import Prior, derivatives, found_in, improved
+from uwgraph.sun.verdict import Gates, SkyError, nothing, observation
 from uwgraph.sun.view import View
 from uwgraph.types import FloatArray
 
 _HOPELESS: Final = SunFlag.DARK | SunFlag.SATURATED | SunFlag.UNPOLARIZED | SunFlag.SMALL_WINDOW
-KAPPAS: Final = np.geomspace(1.0, 16.0, 24)
 _TILT: Final = np.radians(0.5)
 
 
@@ -50,6 +50,8 @@ class Settings:
     """Pixels with which kappa and the effect of tilt are found."""
     wave_inflation: float = 2.5
     """Factor on the covariance under water: waves err together beyond a block."""
+    prior: Prior = field(default_factory=Prior)
+    sky_error: SkyError = field(default_factory=lambda: SkyError(along=np.radians(0.3), across=np.radians(0.1)))
     robust: Robust = field(default_factory=Robust)
     gates: Gates = field(default_factory=Gates)
 
@@ -65,8 +67,8 @@ class PolarizationEstimate:
     sky: Evectors | None
     """Directions and e-vectors in the sky; None where no pixel was of use."""
     solution: Solution | None
-    kappa: float = 1.0
-    """By how much the water lessened the degree of polarization."""
+    unknowns: Unknowns = Unknowns()  # noqa: RUF009  (frozen)
+    """What was found beside the sun."""
 
 
 def estimate(image: StokesImage, view: View, settings: Settings | None = None) -> PolarizationEstimate:
@@ -89,12 +91,7 @@ def estimate(image: StokesImage, view: View, settings: Settings | None = None) -
     if flags & _HOPELESS:
         return PolarizationEstimate(nothing(flags, view.up_b, view.t_ns), image, pixels, None, None)
     light = light_of(image, view, pixels, _blocks(image, pixels, settings), settings.dop_error)
-    if view.in_water:
-        sky, solution, cov, kappa = _through_surface(light, view, settings)
-    else:
-        sky, kappa = light.evectors(), 1.0
-        solution = solve(sky, view.up_b, view.sun_zenith, settings.robust)
-        cov = solution.cov
+    sky, solution, cov, unknowns = _solved(light, view, settings)
     found = observation(
         solution,
         cov,
@@ -104,9 +101,10 @@ def estimate(image: StokesImage, view: View, settings: Settings | None = None) -
         t_ns=view.t_ns,
         flags=flags,
         share=share,
+        sky_error=settings.sky_error,
         gates=settings.gates,
     )
-    return PolarizationEstimate(found, image, pixels, sky, solution, kappa)
+    return PolarizationEstimate(found, image, pixels, sky, solution, unknowns)
 
 
 def _screened(image: StokesImage, view: View, settings: Settings) -> tuple[IndexArray, float, SunFlag]:
@@ -138,54 +136,39 @@ def _blocks(image: StokesImage, pixels: IndexArray, settings: Settings) -> Index
     return np.asarray(row // side * settings.blocks + column // side)
 
 
-def _through_surface(light: Light, view: View, settings: Settings) -> tuple[Evectors, Solution, FloatArray, float]:
-    """The sky above the surface, the solution in it, its covariance and kappa."""
-    few = light.select(slice(None, None, max(1, len(light.I) // settings.search)))
-    kappa = _depolarization(few, view, settings)
-    below = submerge(light, view.up_b, view.n)
-    sky = below.evectors(kappa)
-    solution = solve(sky, view.up_b, view.sun_zenith, settings.robust)
-    fit = solution.fit
-    more = below.evectors(1.02 * kappa)
-    same = np.where(np.einsum("ni,ni->n", more.e_b, sky.e_b) < 0.0, -1.0, 1.0)
-    by_log_kappa = (same * residuals(more, fit.s_b) - residuals(sky, fit.s_b)) / np.log(1.02)
-    cov = settings.wave_inflation * covariance(sky, fit, by_log_kappa[:, None])
-    by_tilt = fit.E.T @ _tilt_effect(few, view, fit.s_b, kappa, settings)
-    return sky, solution, cov + view.tilt_sigma**2 * by_tilt @ by_tilt.T, kappa
+def _solved(light: Light, view: View, settings: Settings) -> tuple[Evectors, Solution, FloatArray, Unknowns]:
+    """The sky, the solution in it, its covariance, and the unknowns found beside it."""
+    above, robust, prior = skylight(light, view.up_b, view.n), settings.robust, settings.prior
+    few = evenly(len(light.I), settings.search)
+    unknowns = found_in(above.select(few), view, robust, prior)
+    sky = above.evectors(unknowns)
+    solution = solve(sky, view.up_b, view.sun_zenith, robust)
+    unknowns = improved(above, sky, solution.fit, unknowns, prior, view.in_water)
+    sky = above.evectors(unknowns)
+    fit = refine(sky, solution.fit.s_b, view.up_b, robust, solution.fit.excess)
+    nuisance = derivatives(above, sky, fit.s_b, unknowns, view.in_water)
+    cov = covariance(sky, fit, nuisance, prior.sigma(view.in_water))
+    if view.in_water:
+        by_tilt = fit.E.T @ _tilt_effect(light.select(few), view, fit.s_b, unknowns, robust)
+        cov = settings.wave_inflation * cov + view.tilt_sigma**2 * by_tilt @ by_tilt.T
+    return sky, replace(solution, fit=fit), cov, unknowns
 
 
-def _depolarization(light: Light, view: View, settings: Settings) -> float:
-    """kappa with the least bounded residual; with the sun's height of the almanac where it is known."""
-    below = submerge(light, view.up_b, view.n)
-    s_b = solve(below.evectors(1.3), view.up_b, view.sun_zenith, settings.robust).fit.s_b
-    costs = np.empty(len(KAPPAS))
-    for k, kappa in enumerate(KAPPAS):
-        sky = below.evectors(kappa)
-        s_k = refine(sky, s_b, view.up_b, settings.robust, rounds=5).s_b
-        if view.sun_zenith is not None:
-            s_k = from_azimuth(float(azimuth_in_level(s_k, view.up_b)), view.sun_zenith, view.up_b)
-        square = np.minimum(residuals(sky, s_k) ** 2, np.sin(np.radians(6.0)) ** 2)
-        costs[k] = (square / (sky.sigma**2 + np.radians(1.0) ** 2)).sum()
-    best = int(np.clip(np.argmin(costs), 1, len(KAPPAS) - 2))
-    before, at, after = costs[best - 1 : best + 2]
-    bend = before - 2.0 * at + after
-    step = float(np.clip(0.5 * (before - after) / bend, -1.0, 1.0)) if bend > 0.0 else 0.0
-    return float(KAPPAS[best] * (KAPPAS[1] / KAPPAS[0]) ** step)
+def _tilt_effect(light: Light, view: View, s_b: FloatArray, unknowns: Unknowns, robust: Robust) -> FloatArray:
+    """Derivative (3, 2) of the direction by a tilt of the assumed vertical about two horizontal axes.
 
-
-def _tilt_effect(light: Light, view: View, s_b: FloatArray, kappa: float, settings: Settings) -> FloatArray:
-    """Derivative (3, 2) of the direction by a tilt of the assumed vertical about two horizontal axes."""
-    bow, starboard, _ = level_axes(view.up_b)
+    The rays are bent about the assumed vertical, and the direction in the body moves with it.
+    """
     columns = []
-    for axis in (bow, starboard):
+    for axis in level_axes(view.up_b)[:2]:
         there, back = (
-            refine(_tilted_sky(light, view, sign * _TILT * axis, kappa), s_b, view.up_b, settings.robust, rounds=8).s_b
+            refine(_tilted(light, view, sign * _TILT * axis, unknowns), s_b, view.up_b, robust).s_b
             for sign in (1.0, -1.0)
         )
         columns.append((there - back) / (2.0 * _TILT))
     return np.stack(columns, axis=1)
 
 
-def _tilted_sky(light: Light, view: View, tilt: FloatArray, kappa: float) -> Evectors:
+def _tilted(light: Light, view: View, tilt: FloatArray, unknowns: Unknowns) -> Evectors:
     up_b = view.up_b + tilt
-    return submerge(light, up_b / np.linalg.norm(up_b), view.n).evectors(kappa)
+    return skylight(light, up_b / np.linalg.norm(up_b), view.n).evectors(unknowns)

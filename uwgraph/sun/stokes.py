@@ -115,7 +115,7 @@ def stokes_of_means(
     """Stokes image of channels (K, H, W), each value the mean of ``count`` pixels."""
     D = analyser_matrix(polarizer)
     solve = np.linalg.pinv(D)
-    variance = np.maximum(sensor.variance(means).mean(axis=0), 1e-12) / count
+    variance = np.maximum(sensor.variance(means.mean(axis=0)), 1e-12) / count
     f = (means - sensor.black).reshape(len(D), -1)
     if gains is not None:
         f /= np.asarray(gains, dtype=np.float64)[:, None]
