@@ -59,3 +59,22 @@ def test_real_log() -> None:
     figures = dict(line.split() for line in done.stdout.splitlines() if len(line.split()) == 2)
     assert float(figures["horizontal_rmse_m"]) < 10.0
     assert float(figures["heading_rmse_deg"]) < 1.0
+
+
+def test_sun_from_an_image() -> None:
+    done = run("03_sun_from_an_image.py")
+    assert done.returncode == 0, done.stderr
+    lines = [line.replace(",", "").split() for line in done.stdout.splitlines()]
+    assert [line[0] for line in lines] == ["polarization", "gradient"]
+    for line in lines:
+        heading, sigma, true = float(line[2]), float(line[4]), float(line[7].rstrip(")"))
+        assert abs(heading - true) < max(3.0 * sigma, 0.5)
+        assert line[-2:] == ["no", "doubts"]
+
+
+def test_sun_heading_factor() -> None:
+    done = run("04_sun_heading_factor.py")
+    assert done.returncode == 0, done.stderr
+    headings = [float(line.split("heading")[-1].split()[0]) for line in done.stdout.splitlines()]
+    assert len(headings) == 3
+    assert all(abs(heading - 215.0) < 1.0 for heading in headings)
