@@ -17,7 +17,6 @@ from uwgraph.sun.observation import SunObservation
 
 AZIMUTH, ELEVATION, HEADING = np.radians([120.0, 40.0, 215.0])
 SIGMA_ACROSS, SIGMA_HEIGHT, SIGMA_TILT = np.radians([0.3, 1.0, 0.5])
-KEY = gtsam.symbol("x", 0)
 
 s_n = np.array([np.cos(ELEVATION) * np.cos(AZIMUTH), np.cos(ELEVATION) * np.sin(AZIMUTH), -np.sin(ELEVATION)])
 R_nb = matrix_from_rph(np.array([np.radians(2.0), np.radians(-3.0), HEADING]))
@@ -47,12 +46,12 @@ def main() -> None:
     guess = matrix_from_rph(np.array([0.0, 0.0, HEADING + np.radians(20.0)]))
     for name, factor in ways.items():
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        graph.add(gtsam.PriorFactorPose3(KEY, gtsam.Pose3(gtsam.Rot3(R_nb), np.zeros(3)), level))
-        graph.add(factor.lowered((KEY,)))
-        values.insert(KEY, gtsam.Pose3(gtsam.Rot3(guess), np.zeros(3)))
+        graph.add(gtsam.PriorFactorPose3(0, gtsam.Pose3(gtsam.Rot3(R_nb), np.zeros(3)), level))
+        graph.add(factor.lowered((0,)))
+        values.insert(0, gtsam.Pose3(gtsam.Rot3(guess), np.zeros(3)))
         pose = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
         sigma = np.sqrt(np.linalg.inv(graph.linearize(pose).hessian()[0])[2, 2])
-        heading = np.degrees(pose.atPose3(KEY).rotation().yaw()) % 360.0
+        heading = np.degrees(pose.atPose3(0).rotation().yaw()) % 360.0
         print(f"{name:18} heading {heading:7.2f} +- {np.degrees(sigma):.2f} deg (true {np.degrees(HEADING):.2f})")
 
 
