@@ -135,7 +135,7 @@ def noise_table(seeds: int) -> tuple[list[Row], list[Figure]]:
         voted = max(float(np.abs(found[noise, random, z, seeds][1]).mean()) for z in ZENITHS_DEG)
         name = f"{noise:g} deg" + (f" + {random:.0%} random" if random else "")
         rows.append({"AoP noise": name} | {f"sun {z}": e for z, e in means.items()} | {"vote alone, worst": voted})
-        figures.append(Figure(f"mean heading error, {name} deg", max(means.values()), limit))
+        figures.append(Figure(f"mean heading error in deg, {name}", max(means.values()), limit))
     return rows, figures
 
 
@@ -153,7 +153,7 @@ def occluder_table(images: int) -> tuple[list[Row], list[Figure]]:
             all_shapes = [r for shape in SHAPES for r in results[share, clutter, shape]]
             rows.append({"hidden": f"{share:.0%}", "polarized": clutter} | summary(all_shapes))
         kept = [abs(r[0]) for c, rs in results.items() if c[0] == share for r in rs if not r[1]]
-        figures.append(Figure(f"median heading error, {share:.0%} hidden deg", float(np.median(kept)), limit))
+        figures.append(Figure(f"median heading error in deg, {share:.0%} hidden", float(np.median(kept)), limit))
     return rows, figures
 
 

@@ -23,7 +23,7 @@ from uwgraph.sun.vote import Vote, vote
 from uwgraph.types import FloatArray
 
 _NEAR_SUN: Final = np.sin(np.radians(3.0)) ** 2  # nearer the sun an e-vector's angle says nothing
-_FEW_BLOCKS: Final = 20  # a sandwich of fewer is no estimate of anything
+_FEW: Final = 20
 _VOTERS: Final = 4000  # enough for a histogram
 _JUDGES: Final = 1500  # enough to tell candidates apart
 _FIRST_EXCESS: Final = np.radians(1.0)
@@ -211,12 +211,13 @@ def covariance(
         scores, blocks = np.vstack([scores, known]), np.concatenate([blocks, blocks.max() + 1 + np.arange(len(known))])
     if np.linalg.eigvalsh(H)[0] <= 0.0:
         return np.full((2, 2), np.inf)
-    if blocks.max() + 1 < _FEW_BLOCKS:
+    count, free = int(blocks.max()) + 1, len(H)
+    if count <= free + 1:
+        return np.full((2, 2), np.inf)
+    if count < _FEW and count == len(scores):  # independent, but too few for their scatter to tell
         square = np.average(fit.residual**2 / fit.variance, weights=fit.trust)
-        cov = np.asarray(np.linalg.inv(H) * max(1.0, float(square)), dtype=np.float64)
-    else:
-        cov = block_sandwich(scores, blocks, H)
-    return cov[:2, :2]
+        return np.asarray(np.linalg.inv(H)[:2, :2] * max(1.0, float(square)), dtype=np.float64)
+    return block_sandwich(scores, blocks, H)[:2, :2] * (count / (count - free))
 
 
 def jacobian(sky: Evectors, fit: Fit, nuisance: FloatArray | None = None) -> FloatArray:

@@ -49,6 +49,13 @@ class Light:
     block: IndexArray
     """Number of the pixel's block, shape (N,)."""
 
+    def evectors(self) -> Evectors:
+        """The e-vectors as they are, along the rays."""
+        chi = np.arctan2(self.U, self.Q) / 2.0
+        e_b = np.cos(chi)[:, None] * self.x_b + np.sin(chi)[:, None] * np.cross(self.w_b, self.x_b)
+        sigma = 0.5 * self.sigma / np.maximum(np.hypot(self.Q, self.U), 1e-300)
+        return Evectors(self.w_b, e_b, np.clip(sigma, _EXACT, _RANDOM), self.block)
+
     def select(self, index: IndexArray) -> Light:
         w_b, x_b, I, Q, U, sigma = (x[index] for x in (self.w_b, self.x_b, self.I, self.Q, self.U, self.sigma))  # noqa: E741
         return Light(w_b, x_b, I, Q, U, sigma, self.block[index])

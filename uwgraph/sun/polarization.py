@@ -44,8 +44,10 @@ class Settings:
     least_pixels: int = 100
     redundancy: float = 0.2
     """Most that the four channels may contradict each other, over the polarized part: their order is wrong else."""
-    blocks: int = 12
+    blocks_air: int = 12
     """Blocks along the longer side of the image; e-vectors within a block may err together."""
+    blocks_water: int = 6
+    """The same under water, where a wave is wide."""
     search: int = 1500
     """Pixels with which kappa and the effect of tilt are found."""
     wave_inflation: float = 2.5
@@ -90,7 +92,8 @@ def estimate(image: StokesImage, view: View, settings: Settings | None = None) -
     pixels, share, flags = _screened(image, view, settings)
     if flags & _HOPELESS:
         return PolarizationEstimate(nothing(flags, view.up_b, view.t_ns), image, pixels, None, None)
-    light = light_of(image, view, pixels, _blocks(image, pixels, settings), settings.dop_error)
+    blocks = settings.blocks_water if view.in_water else settings.blocks_air
+    light = light_of(image, view, pixels, _blocks(image, pixels, blocks), settings.dop_error)
     sky, solution, cov, unknowns = _solved(light, view, settings)
     found = observation(
         solution,
@@ -129,11 +132,11 @@ def _screened(image: StokesImage, view: View, settings: Settings) -> tuple[Index
     return pixels[polarized], share * float(polarized.mean()), doubts
 
 
-def _blocks(image: StokesImage, pixels: IndexArray, settings: Settings) -> IndexArray:
+def _blocks(image: StokesImage, pixels: IndexArray, blocks: int) -> IndexArray:
     """Number of the square block of the image that each pixel belongs to."""
-    side = -(-max(image.I.shape) // settings.blocks)
+    side = -(-max(image.I.shape) // blocks)
     row, column = np.divmod(pixels, image.I.shape[1])
-    return np.asarray(row // side * settings.blocks + column // side)
+    return np.asarray(row // side * blocks + column // side)
 
 
 def _solved(light: Light, view: View, settings: Settings) -> tuple[Evectors, Solution, FloatArray, Unknowns]:

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from uwgraph.sun.eigen import Evectors, Fit, Robust, curvature, from_azimuth, jacobian, refine, residuals, solve
+from uwgraph.sun.eigen import Evectors, Fit, Robust, from_azimuth, jacobian, refine, residuals, solve
 from uwgraph.sun.evector import Skylight, Unknowns
 from uwgraph.sun.observation import azimuth_in_level
 from uwgraph.sun.view import View
@@ -64,10 +64,7 @@ def improved(light: Skylight, sky: Evectors, fit: Fit, at: Unknowns, prior: Prio
 
 def found_in(light: Skylight, view: View, robust: Robust, prior: Prior) -> Unknowns:
     """The unknowns from a few pixels."""
-    if view.in_water:
-        unknowns = _depolarization(light, view, robust)
-    else:
-        unknowns = Unknowns()
+    unknowns = _depolarization(light, view, robust) if view.in_water else Unknowns()
     sky = light.evectors(unknowns)
     fit = solve(sky, view.up_b, view.sun_zenith, robust).fit
     for _ in range(_ROUNDS):

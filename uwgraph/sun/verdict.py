@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -10,6 +11,9 @@ from uwgraph.sun.eigen import Solution
 from uwgraph.sun.information import FLOOR, rank2
 from uwgraph.sun.observation import GOOD, SunFlag, SunObservation
 from uwgraph.types import FloatArray
+
+
+_FULL_SUPPORT: Final = 0.9  # of Gaussian noise alone
 
 
 @dataclass(frozen=True)
@@ -77,7 +81,8 @@ def observation(
     zenith = float(np.arccos(np.clip(fit.s_b @ up_b, -1.0, 1.0)))
     steepest = fit.E.T @ up_b / max(np.sin(zenith), 1e-9)
     certain = bool(np.isfinite(cov).all())
-    cov = cov if certain else np.eye(2) * np.pi**2
+    agreement = _agreement(solution)
+    cov = cov / agreement if certain else np.eye(2) * np.pi**2  # what hides the sky is no noise, and may pull
     cov = cov + (sky_error.along**2 - sky_error.across**2) * np.outer(steepest, steepest)
     cov = cov + (sky_error.across**2 + FLOOR**2) * np.eye(2)
     information, cov_b = rank2(fit.E, cov)
@@ -121,9 +126,13 @@ def _mirrored(zenith: float, known: float, sigma: float, gates: Gates) -> bool:
     return 4.0 * (np.pi / 2.0 - zenith) * abs(np.pi / 2.0 - known) < (gates.mirror_sigmas * sigma) ** 2
 
 
-def _quality(solution: Solution, share: float) -> float:
-    """Agreement above chance, closeness to the model and share of the view, each 1 for a perfect sky."""
+def _agreement(solution: Solution) -> float:
+    """Support above chance: 1 where the whole sky in view agrees."""
     fit = solution.fit
-    agreement = np.clip((fit.support - fit.chance) / (0.9 - fit.chance), 0.0, 1.0)
-    closeness = 1.0 / (1.0 + (fit.excess / np.radians(2.0)) ** 2)
-    return float(agreement * closeness * np.sqrt(np.clip(share, 0.0, 1.0)))
+    return float(np.clip((fit.support - fit.chance) / (_FULL_SUPPORT - fit.chance), 0.01, 1.0))
+
+
+def _quality(solution: Solution, share: float) -> float:
+    """Agreement, closeness to the model and share of the view, each 1 for a perfect sky."""
+    closeness = 1.0 / (1.0 + (solution.fit.excess / np.radians(2.0)) ** 2)
+    return float(_agreement(solution) * closeness * np.sqrt(np.clip(share, 0.0, 1.0)))
