@@ -90,13 +90,17 @@ def test_blur_of_a_point_is_wells_phase_function():
     np.testing.assert_allclose(seen[200 + np.array([5, 10, 20, 40])], expected, rtol=0.05)
 
 
+def beam(axis):
+    return Downwelling.of(np.array([axis]), np.array([[1.0 / -axis[2], 0.0, 0.0]]))
+
+
 def onto_horizontal(radiance, w):
     return 2 * np.pi * np.mean(radiance * -w[:, 2])
 
 
 def test_irradiance_falls_with_depth_and_no_light_is_made():
     axis = np.array([np.sin(0.6), 0.0, -np.cos(0.6)])
-    light, w = Downwelling(1.0, axis), cap_directions(np.pi / 2, 5000)
+    light, w = beam(axis), cap_directions(np.pi / 2, 5000)
     total = []
     for depth in (0.0, 1.0, 5.0, 20.0, 60.0):
         image = np.exp(-COASTAL.lost * depth / np.cos(0.6))
@@ -111,7 +115,7 @@ def test_irradiance_falls_with_depth_and_no_light_is_made():
 def test_veil_turns_to_the_zenith_with_depth():
     azimuth = np.linspace(0.0, 1.2, 200)
     w = np.column_stack([np.sin(azimuth), np.zeros(200), -np.cos(azimuth)])
-    light = Downwelling(1.0, np.array([np.sin(0.6), 0.0, -np.cos(0.6)]))
+    light = beam(np.array([np.sin(0.6), 0.0, -np.cos(0.6)]))
     brightest = [azimuth[np.argmax(veil(COASTAL, light, depth, w)[:, 0])] for depth in (0.5, 5.0, 20.0, 80.0)]
     assert (np.diff(brightest) < 0.0).all()
     assert brightest[0] == pytest.approx(0.6, abs=0.05)
@@ -119,5 +123,5 @@ def test_veil_turns_to_the_zenith_with_depth():
 
 
 def test_clear_water_without_scattering_has_no_veil():
-    light = Downwelling(1.0, np.array([0.0, 0.0, -1.0]))
+    light = beam(np.array([0.0, 0.0, -1.0]))
     assert not veil(Water(0.1, 0.0), light, 10.0, np.array([[0.0, 0.0, -1.0]]))[0, 0] > 1e-12

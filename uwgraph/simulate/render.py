@@ -125,19 +125,16 @@ def _veil(scene: Scene, shot: Shot, sky: Sky, eye: Eye, depth: float) -> FloatAr
 
 def _downwelling(sky: Sky, n: float) -> Downwelling:
     """Sky and sun as they enter a flat surface."""
-    sunless = replace(sky, sun_irradiance=0.0)
     a = np.vstack([_HEMISPHERE, sky.s_l])
-    radiance = sunless.stokes(a)[:, 0]
-    solid_angle = np.full(len(a), 2.0 * np.pi / len(_HEMISPHERE))
-    disc = 2.0 * np.pi * (1.0 - np.cos(sky.sun_radius))
-    radiance[-1], solid_angle[-1] = sky.stokes(a[-1:])[0, 0] - radiance[-1], disc
+    light = replace(sky, sun_irradiance=0.0).stokes(a) * (2.0 * np.pi / len(_HEMISPHERE))
+    sun = sky.stokes(a[-1:])[0] - light[-1] * (len(_HEMISPHERE) / (2.0 * np.pi))
+    light[-1] = sun * 2.0 * np.pi * (1.0 - np.cos(sky.sun_radius))
     cos_a = np.maximum(a @ UP, 0.01)
     w = a / n
     w[:, 2] = -np.sqrt(1.0 - (w[:, :2] ** 2).sum(axis=1))
-    unpolarized = np.column_stack([radiance, np.zeros((len(a), 2))])
-    entered = transmitted(unpolarized, cos_a, -w[:, 2], n)[:, 0] / n**2 * cos_a * solid_angle
-    axis = (entered / -w[:, 2]) @ w
-    return Downwelling(float(entered.sum()), axis / np.linalg.norm(axis))
+    cos_w = -w[:, 2]
+    narrowed = cos_a / (n**2 * cos_w)  # solid angle in water over that in air
+    return Downwelling.of(w, transmitted(light, cos_a, cos_w, n) * narrowed[:, None])
 
 
 def _disc(scene: Scene, shot: Shot) -> float:

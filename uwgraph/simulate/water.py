@@ -2,8 +2,9 @@
 
 Light scattered forward within a few degrees stays in the image and blurs it; the rest of what scattering takes out is
 given back as a diffuse veil, so that the downward irradiance falls as Kirk found by Monte Carlo. Both polarization and
-radiance are treated: the image is depolarized a little by every forward scattering, the veil is polarized as by small
-particles, only less, about the mean direction of the light, which turns to the zenith with depth.
+radiance are treated: the image is depolarized a little by every forward scattering; the veil is what small particles
+scatter once of the light around them, which comes from sun and sky through the surface and spreads evenly about the
+zenith with depth, so that its e-vectors lie across the refracted sun near the surface and horizontal in the deep.
 """
 
 from __future__ import annotations
@@ -15,12 +16,13 @@ import numpy as np
 from scipy import fft
 
 from uwgraph.simulate.fields import cap_directions
-from uwgraph.simulate.sky import UP, rayleigh
+from uwgraph.simulate.sky import UP, horizontal_axis
 from uwgraph.types import FloatArray
 
 FORWARD_SHARE: Final = 0.8
 """Share of scattering that goes into the image's own blur (Petzold's phase functions, 1972)."""
 _QUADRATURE: Final = cap_directions(np.pi / 2.0, 2000)
+_COSINES: Final = np.linspace(-1.0, 1.0, 401)
 
 
 @dataclass(frozen=True)
@@ -35,8 +37,8 @@ class Water:
     """theta_0 of Wells's phase function theta_0 / (theta_0^2 + theta^2)^(3/2), rad: half goes beyond 1.7 theta_0."""
     depolarization: float = 0.1
     """Share of the polarization that one scattering into the image destroys."""
-    veil_dop: float = 0.4
-    """Largest degree of polarization of the veil (Waterman 1954; Cronin & Shashar 2001)."""
+    scattering_dop: float = 0.7
+    """Degree of polarization at right angles to one beam (Voss & Fry, Appl. Opt. 23, 4427, 1984: 0.66 to 0.8)."""
 
     @property
     def forward(self) -> float:
@@ -70,6 +72,18 @@ class Downwelling:
     """On the horizontal."""
     axis: FloatArray
     """Mean direction towards the light, in water, unit, in l, shape (3,)."""
+    coherency: FloatArray
+    """Mean of e e^T of the light's electric vectors from all directions, trace 1, in l, shape (3, 3)."""
+
+    @classmethod
+    def of(cls, w_l: FloatArray, stokes: FloatArray) -> Downwelling:
+        """Of light from directions ``w_l`` (N, 3): radiance times solid angle (N, 3) about the horizontal axis."""
+        I, Q, U = stokes.T  # noqa: E741  (the field's symbol)
+        x = horizontal_axis(w_l)
+        y = np.cross(w_l, x)
+        C = (x.T * (I + Q)) @ x + (y.T * (I - Q)) @ y + (x.T * U) @ y + (y.T * U) @ x
+        axis = I @ w_l
+        return cls(float(I @ (w_l @ UP)), axis / np.linalg.norm(axis), C / np.trace(C))
 
 
 def veil(water: Water, light: Downwelling, depth: float, w_l: FloatArray) -> FloatArray:
@@ -77,20 +91,40 @@ def veil(water: Water, light: Downwelling, depth: float, w_l: FloatArray) -> Flo
 
     Its radiance is 1 / (1 - eps m.w), the shape of the asymptotic distribution in isotropic scattering (Preisendorfer
     1959; Mobley, Light and Water, 1994, 9.6), with eps = K_d / c. The direction m of its maximum turns from the mean
-    direction of the light to the zenith over a length of non-forward scattering (as Tyler measured, 1960).
+    direction of the light to the zenith over a length of non-forward scattering (as Tyler measured, 1960), and over
+    the same length the light that is scattered into view turns into that distribution.
     """
     mean_cosine = float(light.axis @ UP)
     K_d = water.diffuse_attenuation(mean_cosine)
     left = np.exp(-K_d * depth) - np.exp(-water.lost * depth / mean_cosine)
-    turned = np.exp(-(water.scattering - water.forward) * depth)
-    m = turned * light.axis + (1.0 - turned) * UP
+    kept = np.exp(-(water.scattering - water.forward) * depth)
+    m = kept * light.axis + (1.0 - kept) * UP
     m /= np.linalg.norm(m)
     eps = K_d / (water.absorption + water.scattering) if water.scattering > 0.0 else 0.0
     shape = 1.0 / (1.0 - eps * (w_l @ m))
     onto_horizontal = 2.0 * np.pi * np.mean(_QUADRATURE @ UP / (1.0 - eps * (_QUADRATURE @ m)))
     radiance = light.irradiance * max(left, 0.0) * shape / onto_horizontal
-    polarization = water.veil_dop * rayleigh(w_l, m)
+    C = kept * light.coherency + (1.0 - kept) * _asymptotic_coherency(eps)
+    polarization = water.scattering_dop * _scattered_once(C, w_l)
     return np.column_stack([radiance, radiance * polarization.real, radiance * polarization.imag])
+
+
+def _scattered_once(C: FloatArray, w_l: FloatArray) -> FloatArray:
+    """(Q + i U) / I, complex, shape (N,), of light of coherency ``C`` scattered by dipoles towards views ``w_l``.
+
+    A dipole sends what of the field is across the view, so light from everywhere at once enters by its coherency alone;
+    for one refracted beam this is the Mueller-Stokes chain of surface and Rayleigh scattering.
+    """
+    x = horizontal_axis(w_l)
+    y = np.cross(w_l, x)
+    xx, yy, xy = (np.einsum("ni,ij,nj->n", p, C, q) for p, q in ((x, x), (y, y), (x, y)))
+    return np.asarray((xx - yy + 2j * xy) / (xx + yy))
+
+
+def _asymptotic_coherency(eps: float) -> FloatArray:
+    """Of unpolarized light 1 / (1 - eps cos Z) from the whole sphere."""
+    upright = float(np.average(_COSINES**2, weights=1.0 / (1.0 - eps * _COSINES)))
+    return np.diag([1.0 + upright, 1.0 + upright, 2.0 - 2.0 * upright]) / 4.0
 
 
 def blurred(image: FloatArray, water: Water, path: float, pixels_per_radian: float) -> FloatArray:
