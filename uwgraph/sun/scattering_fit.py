@@ -7,7 +7,7 @@ Huber or soft L1, with or without the correction of :mod:`uwgraph.sun.residual_m
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -23,11 +23,12 @@ from uwgraph.sun.surface import to_air, to_water
 from uwgraph.sun.sweep import Sweep
 from uwgraph.types import FloatArray
 
+DAY_NS: Final = 86_400 * 10**9
 SECTORS: Final = 8
 """Of the horizon, within which residuals are taken to err together."""
 LOWEST: Final = np.radians(0.2)
 """Elevation of the sun that no fit goes below, rad."""
-APART: Final = np.radians(30.0)
+APART: Final = np.radians(8.0)
 """Two suns nearer than this are one mode."""
 AMBIGUOUS_BELOW: Final = 4.5
 """Difference of the costs (half a chi-square) that tells two modes apart: three sigmas."""
@@ -44,6 +45,7 @@ class ScatteringFit:
     """The sun of one sweep, and what the fit left."""
 
     observation: SunObservation
+    sweep: Sweep
     residuals: FloatArray
     """AoP measured less AoP of the model, rad, shape (N,)."""
     scatter: float
@@ -58,6 +60,7 @@ def fit_sun(
     residual_model: ResidualModel | None = None,
     sun_zenith: float | None = None,
     max_dolp: float = 1.0,
+    model_error: float = 0.1,
 ) -> ScatteringFit:
     """The sun's direction and covariance from a sweep of the horizon.
 
@@ -67,6 +70,9 @@ def fit_sun(
         Zenith angle of the apparent sun by the almanac, rad: it checks the result and takes no part in it.
     max_dolp : float
         See :func:`uwgraph.sun.scattering.scattered_stokes`.
+    model_error : float
+        1-sigma of the share by which skylight and multiple scattering change tan(AoP) of the whole sweep. It widens the
+        zenith angle; what ``residual_model`` learnt of its own suns takes its place.
 
     Raises
     ------
@@ -80,27 +86,55 @@ def fit_sun(
         model = model.widened(found.x)
         found = model.fit(found.x, loss)
     best, other = model.modes(found, loss)
+    zenith = float(np.arccos(best.x[2]))
+    if residual_model is None:
+        beyond = np.array([0.0, model_error * _stretch(zenith, sweep.n)])
+    else:
+        beyond = residual_model.sun_sigma(zenith)
     cov = grouped_cov(best, model.sector) + FLOOR**2 * np.eye(2)
+    cov += np.diag(np.maximum(beyond**2 - np.diag(cov), 0.0))
     residuals = best.residuals[:, 0] * model.sigma
     scatter = float(np.median(np.abs(residuals))) * 1.4826
-    return ScatteringFit(_observation(sweep, best.x, cov, other, scatter, sun_zenith), residuals, scatter, best)
+    observation = _observation(sweep, best.x, cov, other, scatter, sun_zenith)
+    return ScatteringFit(observation, sweep, residuals, scatter, best)
 
 
 def learn_residuals(
-    sweeps: Sequence[Sweep], suns: Sequence[tuple[float, float]], max_dolp: float = 1.0
+    sweeps: Sequence[Sweep], suns: Sequence[tuple[float, float]], loss: Loss = "huber", max_dolp: float = 1.0
 ) -> ResidualModel:
-    """The residual model of sweeps at known positions.
+    """The residual model of sweeps at known positions, and how well it does on days that it was not learnt on.
 
     ``suns`` has one (azimuth clockwise from the bow of the levelled body, zenith angle) [rad] of the apparent sun for
     each sweep.
     """
+    day = np.array([sweep.t_ns // DAY_NS for sweep in sweeps])
+    days = np.unique(day)
+    group = day if len(days) > 2 else np.arange(len(sweeps))
+    model = _learn(sweeps, suns, group, max_dolp)
+    fitted, errors = [], []
+    for one in days if len(days) > 2 else ():
+        known = list(zip(sweeps, suns, day, strict=True))
+        rest = [(sweep, sun) for sweep, sun, d in known if d != one]
+        without = _learn([sweep for sweep, _ in rest], [sun for _, sun in rest], group[day != one], max_dolp)
+        for sweep, sun in [(sweep, sun) for sweep, sun, d in known if d == one]:
+            fit = fit_sun(sweep, loss=loss, residual_model=without, max_dolp=max_dolp)
+            if fit.observation.ok:
+                fitted.append(float(np.arccos(fit.estimate.x[2])))
+                errors.append(np.asarray(_tangent(fit.estimate.x).T @ _sun(*sun)))
+    return replace(model, fitted_zenith=np.array(fitted), sun_errors=np.array(errors).reshape(-1, 2))
+
+
+def _learn(
+    sweeps: Sequence[Sweep], suns: Sequence[tuple[float, float]], group: NDArray[np.intp], max_dolp: float
+) -> ResidualModel:
     relative, zenith, residuals = [], [], []
     for sweep, (sun_azimuth, sun_zenith) in zip(sweeps, suns, strict=True):
-        model = scattered_aop(sun_azimuth, sun_zenith, sweep.azimuth, sweep.elevation, sweep.n, max_dolp)
+        aop = scattered_aop(sun_azimuth, sun_zenith, sweep.azimuth, sweep.elevation, sweep.n, max_dolp)
         relative.append(sun_azimuth - sweep.azimuth)
         zenith.append(np.full(len(sweep), sun_zenith))
-        residuals.append(wrap_half(sweep.aop - model))
-    return ResidualModel.learn(*(np.concatenate(part) for part in (relative, zenith, residuals)))
+        residuals.append(wrap_half(sweep.aop - aop))
+    of_view = np.repeat(group, [len(sweep) for sweep in sweeps])
+    return ResidualModel.learn(np.concatenate(relative), np.concatenate(zenith), np.concatenate(residuals), of_view)
 
 
 class _Model:
@@ -141,24 +175,39 @@ class _Model:
         return m_estimate(self.residuals, _moved, start, 2, loss)
 
     def modes(self, found: Estimate[FloatArray], loss: Loss) -> tuple[Estimate[FloatArray], FloatArray | None]:
-        """The better mode, and the second where it explains the sweep about as well."""
-        far = [s for s in GRID if s @ found.x < np.cos(APART)]
-        other = self.fit(self._best(far, loss), loss)
-        better, worse = sorted((found, other), key=lambda e: float(robust_cost(e.residuals, found.scale, loss)))
-        gap = robust_cost(worse.residuals, better.scale, loss) - robust_cost(better.residuals, better.scale, loss)
-        rival = gap < AMBIGUOUS_BELOW and worse.x @ better.x < np.cos(APART)
-        return better, worse.x if rival else None
+        """The best mode, and the second where it explains the sweep about as well.
+
+        A low sun is refracted and polarizes much like a higher one, so modes are sought along the azimuth as well.
+        """
+        azimuth = float(np.arctan2(found.x[1], found.x[0]))
+        column = [_sun(azimuth, zenith) for zenith in ZENITHS]
+        cost = np.pad(self._costs(column, loss), 1, constant_values=np.inf)
+        lowest = (cost[1:-1] < cost[:-2]) & (cost[1:-1] < cost[2:])
+        starts = [s for s, low in zip(column, lowest, strict=True) if low and s @ found.x < np.cos(APART)]
+        starts.append(self._best([s for s in GRID if s @ found.x < np.cos(np.radians(45.0))], loss))
+        fits = [found, *(self.fit(start, loss) for start in starts)]
+        scale = min(fit.scale for fit in fits)
+        fits.sort(key=lambda fit: float(robust_cost(fit.residuals, scale, loss)))
+        best = fits[0]
+        for rival in fits[1:]:
+            gap = robust_cost(rival.residuals, scale, loss) - robust_cost(best.residuals, scale, loss)
+            if gap < AMBIGUOUS_BELOW and rival.x @ best.x < np.cos(APART):
+                return best, rival.x
+        return best, None
 
     def _best(self, suns: list[FloatArray], loss: Loss) -> FloatArray:
+        return suns[int(np.argmin(self._costs(suns, loss)))]
+
+    def _costs(self, suns: list[FloatArray], loss: Loss) -> FloatArray:
         r = self.residuals(suns)
-        cost = robust_cost(r, min(robust_scale(each) for each in r), loss)
-        return suns[int(np.argmin(cost))]
+        return robust_cost(r, min(robust_scale(each) for each in r), loss)
 
 
 def _sun(azimuth: float, zenith: float) -> FloatArray:
     return np.array([np.sin(zenith) * np.cos(azimuth), np.sin(zenith) * np.sin(azimuth), np.cos(zenith)])
 
 
+ZENITHS: Final = np.radians(np.arange(5.0, 90.0, 5.0))
 GRID: Final = [
     _sun(azimuth, zenith) for zenith in np.radians([20.0, 45.0, 70.0]) for azimuth in np.radians(np.arange(0, 360, 30))
 ]
@@ -177,6 +226,12 @@ def _moved(s: FloatArray, d: FloatArray) -> FloatArray:
     if s[2] < np.sin(LOWEST):
         return _sun(np.arctan2(s[1], s[0]), np.pi / 2.0 - LOWEST)
     return s
+
+
+def _stretch(zenith: float, n: float) -> float:
+    """Derivative of the zenith angle by ln tan(theta_r), sin(theta_r) = sin(zenith) / n."""
+    sine = np.sin(zenith)
+    return float(sine * (1.0 - (sine / n) ** 2) / np.cos(zenith))
 
 
 def _observation(
@@ -198,7 +253,7 @@ def _observation(
         information_b=information,
         cov_b=cov_b,
         method="scattering",
-        quality=seen / (1.0 + (scatter / MISFIT_ABOVE) ** 2),
+        quality=float(seen / (1.0 + (scatter / MISFIT_ABOVE) ** 2)),
         flags=_flags(sweep, sun, cov, other, scatter, sun_zenith),
         up_b=sweep.up_b,
         other_b=None if other is None else other @ axes,
