@@ -12,7 +12,6 @@ from uwgraph.sun.information import FLOOR, rank2
 from uwgraph.sun.observation import GOOD, SunFlag, SunObservation
 from uwgraph.types import FloatArray
 
-
 _FULL_SUPPORT: Final = 0.9  # of Gaussian noise alone
 
 
