@@ -74,7 +74,7 @@ def sky_light(image: NDArray[Any], view: View, sensor: Sensor, factor: int, opti
         variance=(noise_share / factor) ** 2,
         noise_share=noise_share,
         sky=sky,
-        good=clear_sky(log_l, zenith, sky, overexposed),
+        good=clear_sky(log_l, zenith, sky, overexposed | (sky & (noise_share > 1.0))),
         overexposed=float(overexposed.sum() / max(sky.sum(), 1)),
     )
 

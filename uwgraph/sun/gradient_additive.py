@@ -24,7 +24,7 @@ WARP = 0.6
 RIDGE = 1e-7
 ITERATIONS, REWEIGHTED = 8, 4
 """At most so many steps, the first few of which choose the weights anew: for ever, they would creep."""
-ENOUGH = np.radians(0.02)
+ENOUGH = np.radians(0.005)
 """A step at which to stop."""
 LONGEST = np.radians(6.0)
 """No step goes farther."""
@@ -114,15 +114,21 @@ def additive_sun(sky: Sky, start: FloatArray, *, rings: bool = True, free_zenith
     return AdditiveResult(
         s=s,
         E=tangents(s, sky.up),
-        cov=block_sandwich(fit.score, sky.block, fit.hessian),
+        cov=_covariance(fit, sky, F_PIECES + 5 + H.shape[1]),
         explained=float(signal / (signal + left)),
         contrast=float(np.sqrt(signal / trust.sum())),
         texture=float(np.sqrt(texture2)),
         residual=fit.residual,
         weight=trust,
         grows=bool((trust * fit.slope).sum() < 0.0),
-        converged=step < 5.0 * ENOUGH,
+        converged=step < 20.0 * ENOUGH,
     )
+
+
+def _covariance(fit: _Fit, sky: Sky, parameters: int) -> FloatArray:
+    """Block sandwich; the splines took as many degrees of freedom from the blocks as they have coefficients."""
+    blocks = int(sky.block.max()) + 1
+    return block_sandwich(fit.score, sky.block, fit.hessian) * (blocks / max(blocks - parameters, 0.25 * blocks))
 
 
 def refit(sky: Sky, result: AdditiveResult, *, rings: bool, free_zenith: bool) -> FloatArray:

@@ -25,9 +25,8 @@ SPOT_SURROUNDINGS = 15
 """Width of those surroundings, binned pixels."""
 
 
-def clear_sky(log_l: FloatArray, zenith: FloatArray, sky: BoolArray, overexposed: BoolArray) -> BoolArray:
-    """Pixels of ``sky`` that show it; ``log_l`` is ln of the radiance, ``zenith`` in rad, all (H, W)."""
-    lost = overexposed
+def clear_sky(log_l: FloatArray, zenith: FloatArray, sky: BoolArray, lost: BoolArray) -> BoolArray:
+    """Pixels of ``sky`` that show it, ``lost`` being known not to; ln of the radiance, zenith angle, all (H, W)."""
     for test in (bright_spots, rough, darker_than_its_ring, behind_edges):
         rest = sky & ~lost
         if not rest.any():

@@ -25,8 +25,6 @@ class PlainResult:
     """Covariance of ``s`` (3, 3), as if gradients erred independently."""
     quality: float
     """Smallest over second eigenvalue: 0 where the model is exact, towards 1 where it says nothing."""
-    chi2: float
-    """Mean squared residual over the sensor's noise: 1 where the plain model holds."""
     signs_agree: bool
     """Whether the light grows towards the ``s`` that is above the horizon."""
 
@@ -48,6 +46,5 @@ def plain_sun(field: GradientField, up_b: FloatArray) -> PlainResult:
         s=s,
         cov=(E / curvature) @ E.T * max(1.0, chi2),
         quality=float(np.clip(spectrum.eigenvalues[0] / spectrum.eigenvalues[1], 0.0, 1.0)),
-        chi2=chi2,
         signs_agree=bool((field.g @ s).sum() > 0.0),
     )

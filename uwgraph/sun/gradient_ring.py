@@ -73,7 +73,7 @@ def _products(x: FloatArray, y: FloatArray) -> FloatArray:
 
 def _squares(s: FloatArray) -> FloatArray:
     """What a scatter's upper triangle is multiplied with for s^T M s, shape (..., 6)."""
-    return _products(s, s) * _TWICE
+    return np.asarray(_products(s, s) * _TWICE)
 
 
 def ring_sun(field: GradientField, up_b: FloatArray, sun_zenith: float | None = None) -> RingResult:
@@ -89,7 +89,7 @@ def ring_sun(field: GradientField, up_b: FloatArray, sun_zenith: float | None = 
     mm = _products(field.m, field.m) - field.noise[:, _ROWS, _COLUMNS]  # the noise's own scatter is taken off
     scatter = np.concatenate([mm, _products(field.m, e_phi), _products(e_phi, e_phi)], axis=1)
     steep = (field.g**2).sum(axis=1)
-    weight = 1.0 / (steep + np.median(steep))  # so that the edges of clouds do not set the start
+    weight = 1.0 / (steep + np.median(steep) + 1e-12)  # so that the edges of clouds do not set the start
     along = np.ones(len(ring))
     for _ in range(ROUNDS):
         rings = _Rings(*np.split((member * (weight / along)) @ scatter, 3, axis=1))

@@ -1,8 +1,8 @@
 """The sun from the gradient of the light: one image in, one observation out.
 
 The plain form holds for a sky whose light depends on the angle from the sun alone, the ring form for one that depends
-on the zenith angle too. Which is used is decided by whether the plain one fits to the noise of the sensor. Either gives
-the start for the additive fit, its own integral, which needs no derivative.
+on the zenith angle too. Which is used is decided by the spectrum of the plain one and by its agreement with the other.
+Either gives the start for the additive fit, its own integral, which needs no derivative.
 """
 
 from __future__ import annotations
@@ -40,11 +40,13 @@ class GradientSettings:
     """Standard deviation of the Gaussian before differentiation, binned pixels."""
     optical_depth: float = 0.0
     """Attenuation k times depth z of the water above, for the plain form; the ring form finds it."""
-    blocks: int = 8
+    blocks: int = 12
     """Along the longer side; pixels of a block err together."""
-    plain_chi2: float = 1.5
-    """The plain form is used where its mean squared residual over the noise is at most this."""
-    waves: float = 2.5
+    plain_quality: float = 1e-3
+    """The plain form is used where its smallest eigenvalue is at most this of the second: 0.5 on a CIE clear sky."""
+    plain_apart: float = np.radians(1.0)
+    """And where the ring form is no farther from it."""
+    waves: float = 1.5
     """Factor on the covariance under water: neighbouring blocks see the same waves."""
     wave_sigma: float = np.radians(0.3)
     """By how much waves longer than the view move the sun, 1-sigma: for 3 m/s of wind; 1.5 degrees at 6 m/s."""
@@ -116,7 +118,7 @@ def estimate(
         return GradientEstimate(_nothing(view, SunFlag.SMALL_WINDOW), light)
     plain = plain_sun(field, view.up_b)
     ring = ring_sun(field, view.up_b, view.sun_zenith)
-    form: Form = "plain" if plain.chi2 < settings.plain_chi2 and plain.signs_agree else "ring"
+    form: Form = "plain" if _plain_holds(plain, ring, settings) else "ring"
     start = plain.s if form == "plain" else ring.s
     sky = _sky(light, view.up_b, settings.blocks)
     free = additive_sun(sky, start, rings=form == "ring")
@@ -135,6 +137,11 @@ def estimate(
     return GradientEstimate(observation, light, form, field, plain, ring, fit)
 
 
+def _plain_holds(plain: PlainResult, ring: RingResult, settings: GradientSettings) -> bool:
+    near = bool(plain.s @ ring.s > np.cos(settings.plain_apart))
+    return plain.signs_agree and near and plain.quality < settings.plain_quality
+
+
 def _light_flags(light: SkyLight, view: View, settings: GradientSettings) -> SunFlag:
     """What can be said before any sun is looked for."""
     flags = GOOD
@@ -144,7 +151,7 @@ def _light_flags(light: SkyLight, view: View, settings: GradientSettings) -> Sun
         return flags | SunFlag.SMALL_WINDOW
     if light.overexposed > settings.overexposed:
         flags |= SunFlag.SATURATED
-    elif np.median(light.noise_share[light.sky]) > 1.0:
+    elif np.quantile(light.noise_share[light.sky], 0.1) > 1.0:
         flags |= SunFlag.DARK
     elif light.good.sum() < LEAST_CELLS:
         flags |= SunFlag.SMALL_WINDOW
