@@ -117,7 +117,7 @@ def _scattered_once(C: FloatArray, w_l: FloatArray) -> FloatArray:
     """
     x = horizontal_axis(w_l)
     y = np.cross(w_l, x)
-    xx, yy, xy = (np.einsum("ni,ij,nj->n", p, C, q) for p, q in ((x, x), (y, y), (x, y)))
+    xx, yy, xy = (((p @ C) * q).sum(axis=1) for p, q in ((x, x), (y, y), (x, y)))
     return np.asarray((xx - yy + 2j * xy) / (xx + yy))
 
 
