@@ -221,8 +221,13 @@ def covariance(
 
 
 def jacobian(sky: Evectors, fit: Fit, nuisance: FloatArray | None = None) -> FloatArray:
-    """Derivative of the residuals by the direction along ``fit.E`` and by the nuisance, shape (N, 2 + K)."""
-    J = (sky.e_b @ fit.E) / np.sqrt(_sin2(sky, fit.s_b))[:, None]
+    """Derivative of the residuals by the direction along ``fit.E`` and by the nuisance, shape (N, 2 + K).
+
+    It is taken at the model's e-vectors: the noise of those measured would correlate it with the residuals.
+    """
+    across = np.cross(sky.a_b, fit.s_b)
+    across *= np.where(np.einsum("ni,ni->n", across, sky.e_b) < 0.0, -1.0, 1.0)[:, None]
+    J = (across @ fit.E) / _sin2(sky, fit.s_b)[:, None]
     return J if nuisance is None else np.hstack([J, nuisance])
 
 

@@ -106,6 +106,23 @@ class Skylight:
         e_b = np.cos(chi)[:, None] * self.s_axis + np.sin(chi)[:, None] * self.p_axis
         return Evectors(self.a_b, e_b, np.clip(sigma, _EXACT, _RANDOM), light.block)
 
+    def derivatives(self, unknowns: Unknowns, s_b: FloatArray) -> FloatArray:
+        """Derivative of the e-vectors' angles [rad] by log kappa and by twice, shape (N, 2), for a sun at ``s_b``.
+
+        It is taken at the angles that the sun makes, not at those measured, and so is free of their noise.
+        """
+        light, A, B, C = self.light, self.A, self.B, self.C
+        kappa = np.exp(unknowns.log_kappa)
+        I = A * light.I - B * kappa * light.Q  # noqa: E741
+        Q = A * kappa * light.Q - B * light.I + unknowns.twice * self.sin2 * I
+        degree = np.maximum(np.hypot(Q, C * kappa * light.U), 1e-300)
+        across = np.cross(self.a_b, s_b)
+        along_s, along_p = (np.einsum("ni,ni->n", across, axis) for axis in (self.s_axis, self.p_axis))
+        sin_2chi = 2.0 * along_s * along_p / np.maximum(along_s**2 + along_p**2, 1e-300)
+        by_log_kappa = (B - unknowns.twice * self.sin2 * A) * light.I
+        by_twice = self.sin2 * I
+        return np.asarray(-0.5 * (sin_2chi / degree)[:, None] * np.stack([by_log_kappa, by_twice], axis=1))
+
     def select(self, index: IndexArray) -> Skylight:
         a, s, p, sin2, A, B, C = (
             x[index] for x in (self.a_b, self.s_axis, self.p_axis, self.sin2, self.A, self.B, self.C)

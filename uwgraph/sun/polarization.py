@@ -25,6 +25,7 @@ from uwgraph.types import FloatArray
 
 _HOPELESS: Final = SunFlag.DARK | SunFlag.SATURATED | SunFlag.UNPOLARIZED | SunFlag.SMALL_WINDOW
 _TILT: Final = np.radians(0.5)
+_FULL_STEPS: Final = 2  # of the unknowns over all pixels, from what a few of them gave
 
 
 @dataclass(frozen=True)
@@ -146,9 +147,11 @@ def _solved(light: Light, view: View, settings: Settings) -> tuple[Evectors, Sol
     unknowns = found_in(above.select(few), view, robust, prior)
     sky = above.evectors(unknowns)
     solution = solve(sky, view.up_b, view.sun_zenith, robust)
-    unknowns = improved(above, sky, solution.fit, unknowns, prior, view.in_water)
-    sky = above.evectors(unknowns)
-    fit = refine(sky, solution.fit.s_b, view.up_b, robust, solution.fit.excess)
+    fit = solution.fit
+    for _ in range(_FULL_STEPS):
+        unknowns = improved(above, sky, fit, unknowns, prior, view.in_water)
+        sky = above.evectors(unknowns)
+        fit = refine(sky, fit.s_b, view.up_b, robust, fit.excess)
     nuisance = derivatives(above, sky, fit.s_b, unknowns, view.in_water)
     cov = covariance(sky, fit, nuisance, prior.sigma(view.in_water))
     if view.in_water:

@@ -6,7 +6,7 @@ by Gauss-Newton on the same robust residuals, and so the direction's covariance 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -19,7 +19,6 @@ from uwgraph.types import FloatArray
 
 KAPPAS: Final = np.geomspace(1.0, 16.0, 24)
 _FIRST: Final = Unknowns(log_kappa=float(np.log(1.3)))
-_STEP: Final = 0.01
 _ROUNDS: Final = 4
 
 
@@ -37,16 +36,9 @@ class Prior:
 
 def derivatives(light: Skylight, sky: Evectors, s_b: FloatArray, at: Unknowns, in_water: bool) -> FloatArray:
     """Derivative of the residuals by the unknowns, shape (N, K): log kappa (under water only) and twice."""
-    steps = [replace(at, twice=at.twice + _STEP)]
-    if in_water:
-        steps.insert(0, replace(at, log_kappa=at.log_kappa + _STEP))
-    here = residuals(sky, s_b)
-    columns = []
-    for there in steps:
-        moved = light.evectors(there)
-        same = np.where(np.einsum("ni,ni->n", moved.e_b, sky.e_b) < 0.0, -1.0, 1.0)
-        columns.append((same * residuals(moved, s_b) - here) / _STEP)
-    return np.stack(columns, axis=1)
+    turned = np.einsum("ni,i->n", np.cross(sky.a_b, sky.e_b), s_b)  # how e.s changes as e turns
+    by_angle = light.derivatives(at, s_b) * np.where(turned < 0.0, -1.0, 1.0)[:, None]
+    return by_angle if in_water else by_angle[:, 1:]
 
 
 def improved(light: Skylight, sky: Evectors, fit: Fit, at: Unknowns, prior: Prior, in_water: bool) -> Unknowns:
