@@ -51,7 +51,7 @@ def test_exact_without_noise(azimuth, zenith, loss, turns):
 def test_covariance_is_that_of_the_errors(loss):
     rng = np.random.default_rng(0)
     nees, errors = [], []
-    for _ in range(40):
+    for _ in range(30):
         azimuth, zenith = rng.uniform(-np.pi, np.pi), np.radians(rng.uniform(20, 75))
         found = fit_sun(sweep_of(azimuth, zenith, rng), loss=loss, model_error=0.0).observation
         s = sun_b(azimuth, zenith)
@@ -209,7 +209,15 @@ def test_far_from_what_was_learnt_nothing_is_corrected(learnt):
     far, _ = high.predict(np.array([1.0]), np.array([1.2]))
     assert near[0] == pytest.approx(0.2, abs=0.01)
     assert abs(far[0]) < 1e-3
-    np.testing.assert_array_equal(high.sun_sigma(0.3), np.zeros(2))
+    assert high.sun_sigma(0.3) is None
+
+
+def test_where_no_suns_were_fitted_the_model_error_stands(learnt):
+    sweep = sweep_of(1.0, 0.8, np.random.default_rng(11), error=skylight)
+    blind = replace(learnt, fitted_zenith=np.zeros(0), sun_errors=np.zeros((0, 2)))
+    known, unknown = (fit_sun(sweep, residual_model=m).observation for m in (learnt, blind))
+    np.testing.assert_array_equal(known.s_b, unknown.s_b)
+    assert np.trace(unknown.cov_b) > 2.0 * np.trace(known.cov_b)
 
 
 def test_learning_keeps_what_the_days_have_in_common():

@@ -21,7 +21,7 @@ from uwgraph.types import FloatArray
 Loss = Literal["l1", "l2", "huber", "soft_l1"]
 X = TypeVar("X")
 
-NEGLIGIBLE: Final = 1e-4
+NEGLIGIBLE: Final = 1e-3
 """The step that ends the search, in sigmas of the result."""
 
 _LINEAR_BEYOND: Final = {"l1": 0.05, "huber": 1.345}

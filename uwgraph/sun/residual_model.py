@@ -81,11 +81,11 @@ class ResidualModel:
         azimuth, zenith = np.broadcast_arrays(relative_azimuth % (2.0 * np.pi), sun_zenith)
         return np.asarray(mean.ev(azimuth, zenith)), np.maximum(spread.ev(azimuth, zenith), 0.0)
 
-    def sun_sigma(self, zenith: float) -> FloatArray:
-        """1-sigma across and along [rad], shape (2,), of a sun fitted at ``zenith`` on another day; 0 if not known."""
+    def sun_sigma(self, zenith: float) -> FloatArray | None:
+        """1-sigma across and along [rad], shape (2,), of a sun fitted at ``zenith`` on another day; None if unknown."""
         weights = np.exp(-0.5 * ((self.fitted_zenith - zenith) / ZENITH_WIDTH) ** 2)
         if weights.sum() < 1.0:
-            return np.zeros(2)
+            return None
         sigma: FloatArray = np.sqrt(weights @ self.sun_errors**2 / weights.sum())
         return sigma
 

@@ -72,7 +72,7 @@ def fit_sun(
         See :func:`uwgraph.sun.scattering.scattered_stokes`.
     model_error : float
         1-sigma of the share by which skylight and multiple scattering change tan(AoP) of the whole sweep. It widens the
-        zenith angle; what ``residual_model`` learnt of its own suns takes its place.
+        zenith angle, unless ``residual_model`` has learnt how well suns are found at that height.
 
     Raises
     ------
@@ -87,10 +87,9 @@ def fit_sun(
         found = model.fit(found.x, loss)
     best, other = model.modes(found, loss)
     zenith = float(np.arccos(best.x[2]))
-    if residual_model is None:
+    beyond = residual_model.sun_sigma(zenith) if residual_model is not None else None
+    if beyond is None:
         beyond = np.array([0.0, model_error * _stretch(zenith, sweep.n)])
-    else:
-        beyond = residual_model.sun_sigma(zenith)
     cov = grouped_cov(best, model.sector) + FLOOR**2 * np.eye(2)
     cov += np.diag(np.maximum(beyond**2 - np.diag(cov), 0.0))
     residuals = best.residuals[:, 0] * model.sigma
