@@ -15,13 +15,16 @@ import _bench
 import numpy as np
 from _bench import Figure, Row
 from polarization import POLARIZERS, WELL, fisheye
+from scipy.interpolate import BSpline
 
 from uwgraph.frames import matrix_from_rph
 from uwgraph.simulate.exposure import auto_scale, behind_polarizer, expose
 from uwgraph.simulate.render import Shot, render
 from uwgraph.simulate.scene import Scene
+from uwgraph.sun import light as gradient_light
 from uwgraph.sun.eigen import jacobian, refine
 from uwgraph.sun.evector import Unknowns, light_of, skylight
+from uwgraph.sun.gradient import MAX_ZENITH
 from uwgraph.sun.observation import up_from_tilt
 from uwgraph.sun.polarization import Settings, estimate
 from uwgraph.sun.sensor import Sensor
@@ -87,6 +90,68 @@ def polarization_rows(images: int) -> list[Row]:
     return _bench.in_processes(polarization, [(z, gain, images) for gain in GAINS for z in ZENITHS_DEG])
 
 
+def gradient(zenith_deg: float, gain: float, images: int) -> Row:
+    """RMSE of the gradient's direction over its bound, at one height of the sun and one exposure."""
+    zenith = np.radians(zenith_deg)
+    camera = fisheye(256, np.radians(80.0))
+    view = View(camera)
+    sensor = Sensor(white=0.98 * WELL, gain=gain, read_noise=3.0)
+    s = np.array([np.sin(zenith), 0.0, -np.cos(zenith)])
+    radiance = render(IDEAL, Shot(camera, np.eye(3), s))[..., 0]
+    scale = auto_scale(radiance, WELL, quantile=1.0)
+    errors = []
+    for seed in range(images):
+        counts = expose(radiance, sensor, scale, 12, np.random.default_rng([seed, int(zenith_deg)]))
+        errors.append(np.cross(gradient_light.estimate(counts, view, sensor).observation.s_b, s))
+    unknown, known = gradient_bounds(view, s, radiance * scale, sensor)
+    rmse = float(np.sqrt(np.mean(np.sum(np.square(errors), axis=1))))
+    return {
+        "method": "gradient",
+        "sun zenith": zenith_deg,
+        "electrons at most": 0.8 * WELL * gain,
+        "rmse deg": np.degrees(rmse),
+        "bound deg": np.degrees(unknown),
+        "rmse / bound": rmse / unknown,
+        "rmse / bound, sky known": rmse / known,
+    }
+
+
+def gradient_bounds(view: View, s: FloatArray, counts: FloatArray, sensor: Sensor) -> tuple[float, float]:
+    """Bounds [rad] of the direction with the sky's two functions unknown, and with them known up to the exposure."""
+    d = view.sky_rays()
+    used = d @ view.up_b > np.cos(MAX_ZENITH)
+    d, y = d[used], counts.ravel()[used]
+    weight = y**2 / sensor.variance(y)
+    across = np.array([0.0, 1.0, 0.0])
+    J = np.stack([_moved(d, s, t) for t in (np.cross(across, s), across)], axis=1)
+    zenith, gamma = np.arccos(np.clip(d @ view.up_b, -1.0, 1.0)), np.arccos(np.clip(d @ s, -1.0, 1.0))
+    splines = np.concatenate([_splines(gamma), _splines(zenith)[:, 1:]], axis=1)
+    return _bound(J, weight, splines), _bound(J, weight, np.ones((len(y), 1)))
+
+
+def _moved(d: FloatArray, s: FloatArray, tangent: FloatArray, step: float = 1e-5) -> FloatArray:
+    """Derivative of ln of the radiance as the sun moves along ``tangent``."""
+    ahead, behind = (np.log(IDEAL.sky_at(s + h * tangent, 0, 0.0).background(d)[:, 0]) for h in (step, -step))
+    return (ahead - behind) / (2.0 * step)
+
+
+def _splines(x: FloatArray, pieces: int = 12) -> FloatArray:
+    low, high = float(x.min()), float(x.max())
+    knots = np.concatenate([[low] * 3, np.linspace(low, high, pieces + 1), [high] * 3])
+    return np.asarray(BSpline.design_matrix(x, knots, 3).toarray())
+
+
+def _bound(J: FloatArray, weight: FloatArray, nuisance: FloatArray) -> float:
+    root = np.sqrt(weight)[:, None]
+    J = root * J
+    left = J - root * nuisance @ np.linalg.lstsq(root * nuisance, J, rcond=None)[0]
+    return float(np.sqrt(np.trace(np.linalg.inv(left.T @ left))))
+
+
+def gradient_rows(images: int) -> list[Row]:
+    return _bench.in_processes(gradient, [(z, gain, images) for gain in GAINS for z in (30, 45, 60)])
+
+
 def plot(rows: list[Row], path: Path) -> None:
     """RMSE against bound, one line for each method."""
     import matplotlib.pyplot as plt
@@ -108,12 +173,13 @@ def main() -> None:
     parser.add_argument("--images", type=int, default=50, help="noise draws for each cell")
     parser.add_argument("--plot", type=Path, help="also draw RMSE against bound into this file")
     args: argparse.Namespace = parser.parse_args()
-    rows = polarization_rows(args.images)
+    tables = {"polarization": polarization_rows(args.images), "gradient": gradient_rows(args.images)}
+    rows = [row for table in tables.values() for row in table]
     worst = {row["method"]: max(r["rmse / bound"] for r in rows if r["method"] == row["method"]) for row in rows}
     figures = [Figure(f"rmse / bound, {method}", value, LIMIT) for method, value in worst.items()]
     if args.plot:
         plot(rows, args.plot)
-    _bench.finish(args, "efficiency", {"efficiency": rows}, figures)
+    _bench.finish(args, "efficiency", tables, figures)
 
 
 if __name__ == "__main__":

@@ -80,14 +80,17 @@ def sky_light(image: NDArray[Any], view: View, sensor: Sensor, factor: int, opti
 
 
 def _binned(image: NDArray[Any], sensor: Sensor, factor: int) -> tuple[FloatArray, BoolArray]:
-    """Means of ``factor`` x ``factor`` pixels, and where any of them is overexposed or no number."""
+    """Counts at the middle of ``factor`` x ``factor`` pixels, and where any of them is overexposed or no number."""
     height, width = (extent // factor for extent in image.shape)
     image = image[: height * factor, : width * factor]
     size = (width, height)
     counts = cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     clipped = cv2.resize(sensor.saturated(image).view(np.uint8) * np.uint8(255), size, interpolation=cv2.INTER_AREA)
     lost = ~np.isfinite(counts)
-    return np.where(lost, sensor.black, counts).astype(np.float64), np.asarray((clipped > 0) | lost)
+    counts = np.where(lost, sensor.black, counts).astype(np.float64)
+    if factor > 1:  # the mean over a curved patch is not the value at its middle
+        counts = np.maximum(counts - cv2.Laplacian(counts, cv2.CV_64F, borderType=cv2.BORDER_REPLICATE) / 24.0, 0.0)
+    return np.asarray(counts, dtype=np.float64), np.asarray((clipped > 0) | lost)
 
 
 def _heights(w: FloatArray, view: View) -> tuple[FloatArray, FloatArray]:

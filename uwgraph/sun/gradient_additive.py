@@ -81,9 +81,13 @@ class _Fit:
 
     residual: FloatArray
     sun_part: FloatArray
+    """F of every pixel."""
     slope: FloatArray
+    """F' of every pixel."""
     J: FloatArray
+    """Derivative of the model along the tangents of s, the splines eliminated, shape (N, 2)."""
     w: FloatArray
+    """Weight of every pixel."""
 
     @property
     def score(self) -> FloatArray:
@@ -91,11 +95,12 @@ class _Fit:
 
     @property
     def hessian(self) -> FloatArray:
-        return (self.J * self.w[:, None]).T @ self.J
+        H = (self.J * self.w[:, None]).T @ self.J
+        return np.asarray(H + (1e-9 * np.trace(H) + 1e-9) * np.eye(2))  # a sky without slope has none
 
 
 def additive_sun(sky: Sky, start: FloatArray, *, rings: bool = True, free_zenith: bool = True) -> AdditiveResult:
-    """Refine the sun from ``start``; without ``rings`` H is left out, without ``free_zenith`` the height is kept."""
+    """Refine the sun from ``start`` (3,); without ``rings`` H is left out, without ``free_zenith`` the height stays."""
     H = _zenith_splines(sky) if rings else np.zeros((len(sky.y), 0))
     s, step = start, np.inf
     texture2, trust = _reweighted(_least_absolute(sky, H, s), sky.variance)
@@ -182,7 +187,6 @@ def _solve(B: FloatArray, weighted: FloatArray, y: FloatArray) -> tuple[FloatArr
 
 def _step(fit: _Fit, free_zenith: bool) -> FloatArray:
     g, hessian = fit.score.sum(axis=0), fit.hessian
-    hessian = hessian + 1e-9 * np.trace(hessian) * np.eye(2)
     return np.linalg.solve(hessian, g) if free_zenith else np.array([0.0, g[1] / hessian[1, 1]])
 
 

@@ -60,9 +60,9 @@ class GradientSettings:
     """Most share of the sky in view that may be overexposed."""
     contrast: float = 0.06
     """Least standard deviation of ln L that the sun must account for beyond the zenith angle."""
-    explained: float = 0.975
+    explained: float = 0.985
     """Least share of the light's variance beyond the zenith angle that the sun must account for."""
-    agreeing: float = 0.75
+    agreeing: float = 0.8
     """Least mean robust weight of the pixels that the masks left."""
     rivalry: float = 1.25
     """Least objective of the second best direction over that of the best."""
