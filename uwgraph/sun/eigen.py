@@ -26,6 +26,7 @@ _NEAR_SUN: Final = np.sin(np.radians(3.0)) ** 2  # nearer the sun an e-vector's 
 _FEW: Final = 20
 _VOTERS: Final = 4000  # enough for a histogram
 _JUDGES: Final = 1500  # enough to tell candidates apart
+_LEAST_PEAK: Final = 0.1  # of the highest, for a peak of the vote to be looked into
 _FIRST_EXCESS: Final = np.radians(1.0)
 _STEP: Final = np.radians(1e-4)  # the reweighting has converged
 
@@ -145,7 +146,8 @@ def solve(sky: Evectors, up_b: FloatArray, sun_zenith: float | None = None, robu
         ballot = vote(
             voters.a_b, voters.e_b, np.hypot(voters.sigma, _FIRST_EXCESS), up_b, sun_zenith, robust.vote_smoothing
         )
-        starts = [from_azimuth(A, sun_zenith, up_b) for A in ballot.modes] or _search(few, up_b)
+        peaks = ballot.modes[ballot.heights > _LEAST_PEAK * ballot.heights[:1]]
+        starts = [from_azimuth(A, sun_zenith, up_b) for A in peaks] or _search(few, up_b)
     fits = _distinct([refine(few, s, up_b, robust) for s in starts], robust)
     standing = [
         _above_chance(f) * (1.0 if _at_height(f, up_b, sun_zenith, robust) else robust.off_height) for f in fits
@@ -179,9 +181,9 @@ def refine(
         noise = weight * square
         M = (sky.e_b.T * weight) @ sky.e_b + (sky.a_b.T * noise) @ sky.a_b - noise.sum() * np.eye(3)
         spectrum = Spectrum.of(M)
-        step = np.linalg.norm(np.cross(spectrum.s, s_b))
+        step2 = 1.0 - (spectrum.s @ s_b) ** 2
         s_b = spectrum.s
-        if step < _STEP:
+        if step2 < _STEP**2:
             break
         if excess is None:
             departure = _excess(residual, sky.sigma, variance, scale2, robust)
@@ -263,14 +265,15 @@ def _sin2(sky: Evectors, s_b: FloatArray) -> FloatArray:
 
 def _excess(residual: FloatArray, sigma: FloatArray, variance: FloatArray, scale2: FloatArray, robust: Robust) -> float:
     """1-sigma of the residuals beyond the stated noise, from those within c, less a background as between c and 2 c."""
-    q = 1.0 / variance
     x2 = residual**2 / scale2
-    inner, outer = x2 < 1.0, (x2 >= 1.0) & (x2 < 4.0)
-    background = q[outer].sum()
-    count = q[inner].sum() - background
+    q = 1.0 / variance
+    inner, outer = q * (x2 < 1.0), q * ((x2 >= 1.0) & (x2 < 4.0))
+    background = outer.sum()
+    count = inner.sum() - background
     if count <= 0.0:
         return robust.most_excess
-    square = (q * (residual**2 - sigma**2))[inner].sum() - background * np.average(scale2 / 3.0 - sigma**2, weights=q)
+    sigma2 = sigma**2
+    square = inner @ (residual**2 - sigma2) - background * (q @ (scale2 / 3.0 - sigma2)) / q.sum()
     return float(np.sqrt(np.clip(square / count, 0.0, robust.most_excess**2)))
 
 

@@ -18,14 +18,13 @@ from uwgraph.sun.eigen import Evectors, Robust, Solution, covariance, evenly, re
 from uwgraph.sun.evector import IndexArray, Light, Unknowns, light_of, skylight
 from uwgraph.sun.observation import GOOD, SunFlag, SunObservation, level_axes
 from uwgraph.sun.stokes import StokesImage
-from uwgraph.sun.unknowns import Prior, derivatives, found_in, improved
+from uwgraph.sun.unknowns import Prior, depolarization, derivatives, settled
 from uwgraph.sun.verdict import Gates, SkyError, nothing, observation
 from uwgraph.sun.view import View
 from uwgraph.types import FloatArray
 
 _HOPELESS: Final = SunFlag.DARK | SunFlag.SATURATED | SunFlag.UNPOLARIZED | SunFlag.SMALL_WINDOW
 _TILT: Final = np.radians(0.5)
-_FULL_STEPS: Final = 2  # of the unknowns over all pixels, from what a few of them gave
 
 
 @dataclass(frozen=True)
@@ -49,8 +48,8 @@ class Settings:
     """Blocks along the longer side of the image; e-vectors within a block may err together."""
     blocks_water: int = 6
     """The same under water, where a wave is wide."""
-    search: int = 1500
-    """Pixels with which kappa and the effect of tilt are found."""
+    search: int = 3000
+    """Pixels that vote, and start the search for the direction and the unknowns; the last steps take all."""
     wave_inflation: float = 2.5
     """Factor on the covariance under water: waves err together beyond a block."""
     prior: Prior = field(default_factory=Prior)
@@ -144,14 +143,12 @@ def _solved(light: Light, view: View, settings: Settings) -> tuple[Evectors, Sol
     """The sky, the solution in it, its covariance, and the unknowns found beside it."""
     above, robust, prior = skylight(light, view.up_b, view.n), settings.robust, settings.prior
     few = evenly(len(light.I), settings.search)
-    unknowns = found_in(above.select(few), view, robust, prior)
-    sky = above.evectors(unknowns)
-    solution = solve(sky, view.up_b, view.sun_zenith, robust)
-    fit = solution.fit
-    for _ in range(_FULL_STEPS):
-        unknowns = improved(above, sky, fit, unknowns, prior, view.in_water)
-        sky = above.evectors(unknowns)
-        fit = refine(sky, fit.s_b, view.up_b, robust, fit.excess)
+    thin = above.select(few)
+    unknowns = depolarization(thin, view, robust) if view.in_water else Unknowns()
+    solution = solve(thin.evectors(unknowns), view.up_b, view.sun_zenith, robust)
+    _, fit, unknowns = settled(thin, solution.fit, unknowns, view, robust, prior, steps=4)
+    excess = refine(thin.evectors(unknowns), fit.s_b, view.up_b, robust).excess
+    sky, fit, unknowns = settled(above, replace(fit, excess=excess), unknowns, view, robust, prior, steps=1)
     nuisance = derivatives(above, sky, fit.s_b, unknowns, view.in_water)
     cov = covariance(sky, fit, nuisance, prior.sigma(view.in_water))
     if view.in_water:
@@ -165,6 +162,8 @@ def _tilt_effect(light: Light, view: View, s_b: FloatArray, unknowns: Unknowns, 
 
     The rays are bent about the assumed vertical, and the direction in the body moves with it.
     """
+    if view.tilt_sigma == 0.0:
+        return np.zeros((3, 2))
     columns = []
     for axis in level_axes(view.up_b)[:2]:
         there, back = (

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from uwgraph.sun.eigen import Evectors, Fit, Robust, from_azimuth, jacobian, refine, residuals, solve
+from uwgraph.sun.eigen import Evectors, Fit, Robust, evenly, from_azimuth, jacobian, refine, residuals, solve
 from uwgraph.sun.evector import Skylight, Unknowns
 from uwgraph.sun.observation import azimuth_in_level
 from uwgraph.sun.view import View
@@ -19,7 +19,7 @@ from uwgraph.types import FloatArray
 
 KAPPAS: Final = np.geomspace(1.0, 16.0, 24)
 _FIRST: Final = Unknowns(log_kappa=float(np.log(1.3)))
-_ROUNDS: Final = 4
+_GRID_PIXELS: Final = 700
 
 
 @dataclass(frozen=True)
@@ -54,25 +54,27 @@ def improved(light: Skylight, sky: Evectors, fit: Fit, at: Unknowns, prior: Prio
     return Unknowns(log_kappa, float(np.clip(values[-1], -0.1, 0.2)))
 
 
-def found_in(light: Skylight, view: View, robust: Robust, prior: Prior) -> Unknowns:
-    """The unknowns from a few pixels."""
-    unknowns = _depolarization(light, view, robust) if view.in_water else Unknowns()
-    sky = light.evectors(unknowns)
-    fit = solve(sky, view.up_b, view.sun_zenith, robust).fit
-    for _ in range(_ROUNDS):
-        unknowns = improved(light, sky, fit, unknowns, prior, view.in_water)
-        sky = light.evectors(unknowns)
-        fit = refine(sky, fit.s_b, view.up_b, robust)
-    return unknowns
+def settled(
+    light: Skylight, fit: Fit, at: Unknowns, view: View, robust: Robust, prior: Prior, steps: int
+) -> tuple[Evectors, Fit, Unknowns]:
+    """Sky, direction and unknowns after some steps from a start near by."""
+    sky = light.evectors(at)
+    fit = refine(sky, fit.s_b, view.up_b, robust, fit.excess)
+    for _ in range(steps):
+        at = improved(light, sky, fit, at, prior, view.in_water)
+        sky = light.evectors(at)
+        fit = refine(sky, fit.s_b, view.up_b, robust, fit.excess)
+    return sky, fit, at
 
 
-def _depolarization(light: Skylight, view: View, robust: Robust) -> Unknowns:
+def depolarization(light: Skylight, view: View, robust: Robust) -> Unknowns:
     """kappa with the least bounded residual on a grid; with the sun's height of the almanac where it is known."""
+    light = light.select(evenly(len(light.sin2), _GRID_PIXELS))
     s_b = solve(light.evectors(_FIRST), view.up_b, view.sun_zenith, robust).fit.s_b
     costs = np.empty(len(KAPPAS))
     for k, kappa in enumerate(KAPPAS):
         sky = light.evectors(Unknowns(float(np.log(kappa))))
-        s_k = refine(sky, s_b, view.up_b, robust, rounds=5).s_b
+        s_k = refine(sky, s_b, view.up_b, robust, rounds=3).s_b
         if view.sun_zenith is not None:
             s_k = from_azimuth(float(azimuth_in_level(s_k, view.up_b)), view.sun_zenith, view.up_b)
         square = np.minimum(residuals(sky, s_k) ** 2, np.sin(np.radians(6.0)) ** 2)
