@@ -33,6 +33,11 @@ def test_the_command_line_starts_without_heavy_modules() -> None:
     assert not loaded_after("import uwgraph.cli") & set(HEAVY)
 
 
-@pytest.mark.parametrize("room", ["dive", "simulate", "graph", "evaluate"])
-def test_no_room_loads_what_only_maps_need(room: str) -> None:
-    assert not loaded_after(f"import uwgraph.{room}") & {"open3d", "cv2", "evo", "matplotlib"}
+@pytest.mark.parametrize("room", ["dive", "simulate", "graph", "evaluate", "sun.estimate"])
+def test_no_room_loads_what_only_maps_or_pictures_need(room: str) -> None:
+    assert not loaded_after(f"import uwgraph.{room}") & {"open3d", "evo", "matplotlib"}
+
+
+@pytest.mark.parametrize("room", ["dive", "graph", "evaluate"])
+def test_only_images_need_opencv(room: str) -> None:
+    assert "cv2" not in loaded_after(f"import uwgraph.{room}")
