@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from uwgraph.sun.information import Spectrum, block_sandwich
 from uwgraph.sun.observation import level_axes
 from uwgraph.sun.vote import Vote, vote
-from uwgraph.types import FloatArray
+from uwgraph.types import BoolArray, FloatArray
 
 _NEAR_SUN: Final = np.sin(np.radians(3.0)) ** 2  # nearer the sun an e-vector's angle says nothing
 _FEW: Final = 20
@@ -49,8 +49,11 @@ class Evectors:
 
     def thinned(self, count: int) -> Evectors:
         """About ``count`` of them, evenly."""
-        kept = evenly(len(self), count)
-        return Evectors(self.a_b[kept], self.e_b[kept], self.sigma[kept], self.block[kept])
+        return self.select(evenly(len(self), count))
+
+    def select(self, index: NDArray[np.intp] | BoolArray) -> Evectors:
+        """Those that an index array or a mask picks."""
+        return Evectors(self.a_b[index], self.e_b[index], self.sigma[index], self.block[index])
 
 
 @dataclass(frozen=True)
@@ -138,17 +141,13 @@ def solve(sky: Evectors, up_b: FloatArray, sun_zenith: float | None = None, robu
         apart; the winner's own zenith angle is free. Without it the search is over all directions.
     """
     robust = robust or Robust()
-    few, voters = sky.thinned(_JUDGES), sky.thinned(_VOTERS)
-    ballot = None
-    if sun_zenith is None:
-        starts = _search(few, up_b)
-    else:
-        ballot = vote(
-            voters.a_b, voters.e_b, np.hypot(voters.sigma, _FIRST_EXCESS), up_b, sun_zenith, robust.vote_smoothing
-        )
-        peaks = ballot.modes[ballot.heights > _LEAST_PEAK * ballot.heights[:1]]
-        starts = [from_azimuth(A, sun_zenith, up_b) for A in peaks] or _search(few, up_b)
+    few = sky.thinned(_JUDGES)
+    starts, ballot = _starts(sky.thinned(_VOTERS), up_b, sun_zenith, robust)
     fits = _distinct([refine(few, s, up_b, robust) for s in starts], robust)
+    unexplained = few.select(fits[0].trust < 0.25)
+    if len(unexplained) > max(_FEW, 0.05 * len(few)):  # what the best leaves over may have a sun of its own
+        others = [refine(unexplained, s, up_b, robust).s_b for s in _starts(unexplained, up_b, sun_zenith, robust)[0]]
+        fits = _distinct(fits + [refine(few, s, up_b, robust, rounds=1) for s in others], robust)
     standing = [
         _above_chance(f) * (1.0 if _at_height(f, up_b, sun_zenith, robust) else robust.off_height) for f in fits
     ]
@@ -164,6 +163,17 @@ def solve(sky: Evectors, up_b: FloatArray, sun_zenith: float | None = None, robu
         rival_b=fits[rest[0]].s_b if rest else None,
         rivalry=standing[rest[0]] / standing[first] if rest else 0.0,
     )
+
+
+def _starts(
+    sky: Evectors, up_b: FloatArray, sun_zenith: float | None, robust: Robust
+) -> tuple[list[FloatArray], Vote | None]:
+    """Directions to start from, by the vote where the sun's height is known; and the vote."""
+    if sun_zenith is None:
+        return _search(sky, up_b), None
+    ballot = vote(sky.a_b, sky.e_b, np.hypot(sky.sigma, _FIRST_EXCESS), up_b, sun_zenith, robust.vote_smoothing)
+    peaks = ballot.modes[ballot.heights > _LEAST_PEAK * ballot.heights[:1]]
+    return [from_azimuth(A, sun_zenith, up_b) for A in peaks] or _search(sky, up_b), ballot
 
 
 def refine(

@@ -41,7 +41,12 @@ class Settings:
     """Degree of polarization that a tenth of the sky in view must exceed."""
     least_significance: float = 3.0
     """Polarized part over its noise, below which a pixel's angle is at random rather than noisy."""
+    least_share: float = 0.05
+    """Share of the pixels in view whose polarization must stand out of the noise."""
     least_pixels: int = 100
+    """Pixels that must see the sky."""
+    uniform: float = 0.03
+    """Spread of ln intensity below which light without polarization is called uniform."""
     redundancy: float = 0.2
     """Most that the four channels may contradict each other, over the polarized part: their order is wrong else."""
     blocks_air: int = 12
@@ -122,12 +127,14 @@ def _screened(image: StokesImage, view: View, settings: Settings) -> tuple[Index
     share = len(pixels) / seen
     if share < 0.5 and max(saturated.sum(), dark.sum()) > 0.45 * seen:
         return pixels, share, SunFlag.SATURATED if saturated.sum() > dark.sum() else SunFlag.DARK
+    if len(pixels) < settings.least_pixels:
+        return pixels, share, SunFlag.SMALL_WINDOW
     I, Q, U, sigma = (x.ravel()[pixels] for x in (image.I, image.Q, image.U, image.sigma))  # noqa: E741
     degree, noise = np.hypot(Q, U) / I, np.hypot(sigma / I, settings.dop_error)
     polarized = degree > settings.least_significance * noise
-    if polarized.sum() < settings.least_pixels or np.quantile(degree, 0.9) < settings.least_dop:
-        uniform = len(pixels) > 0 and np.std(np.log(I)) < 0.02
-        return pixels, share, SunFlag.UNPOLARIZED | (SunFlag.UNIFORM if uniform else GOOD)
+    if polarized.mean() < settings.least_share or np.quantile(degree, 0.9) < settings.least_dop:
+        uniform = SunFlag.UNIFORM if np.std(np.log(I)) < settings.uniform else GOOD
+        return pixels, share, SunFlag.UNPOLARIZED | uniform
     doubts = SunFlag.MISFIT if image.redundancy > settings.redundancy else GOOD
     return pixels[polarized], share * float(polarized.mean()), doubts
 

@@ -17,7 +17,7 @@ from uwgraph.sun.observation import azimuth_in_level
 from uwgraph.sun.view import View
 from uwgraph.types import FloatArray
 
-KAPPAS: Final = np.geomspace(1.0, 16.0, 24)
+KAPPAS: Final = np.geomspace(1.0, 16.0, 15)
 _FIRST: Final = Unknowns(log_kappa=float(np.log(1.3)))
 _GRID_PIXELS: Final = 700
 

@@ -33,7 +33,7 @@ class Gates:
 
     near_zenith: float = np.radians(5.0)
     """Least zenith angle of the sun."""
-    rivalry: float = 0.2
+    rivalry: float = 0.1
     """Most support of a second direction, over that of the first, above chance."""
     support: float = 2.0
     """Least support in units of what e-vectors of random angle give."""
