@@ -215,3 +215,34 @@ def test_size_of_the_image():
         check_size(camera, np.zeros((640, 480)), "a.png")
     with pytest.raises(DataError, match=r"a\.png"):
         check_size(replace(camera, size=(320, 240)), np.zeros((480, 640)), "a.png")
+
+
+ROS = """
+image_width: 640
+image_height: 480
+camera_name: sky
+camera_matrix: {rows: 3, cols: 3, data: [300.0, 0, 320.5, 0, 301.0, 240.5, 0, 0, 1]}
+distortion_model: equidistant
+distortion_coefficients: {rows: 1, cols: 4, data: [0.01, -0.002, 0.0, 0.0]}
+rectification_matrix: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}
+"""
+PLAIN = "model: fisheye\nfx: 300.0\nfy: 301.0\ncx: 320.5\ncy: 240.5\nwidth: 640\nheight: 480\nD: [0.01, -0.002, 0, 0]\n"
+ROWS = (
+    "model: fisheye\nsize: [640, 480]\nK: [[300.0, 0, 320.5], [0, 301.0, 240.5], [0, 0, 1]]\nD: [0.01, -0.002, 0, 0]\n"
+)
+SINGLE = """
+camera_model: pinhole
+distortion_model: equidistant
+intrinsics: [300.0, 301.0, 320.5, 240.5]
+distortion_coeffs: [0.01, -0.002, 0.0, 0.0]
+resolution: [640, 480]
+"""
+
+
+@pytest.mark.parametrize("text", [ROS, PLAIN, ROWS, SINGLE], ids=["ros", "plain", "rows", "single"])
+def test_other_spellings_of_one_camera(given_file, text):
+    file = read_camera(given_file(text + "mosaic: sony\nanalyser: sheet\n"))
+    camera = file.camera
+    assert (camera.model, camera.f, camera.c, camera.size) == ("fisheye", (300.0, 301.0), (320.5, 240.5), (640, 480))
+    assert camera.distortion == (0.01, -0.002, 0.0, 0.0)
+    assert (file.mosaic, camera.analyser) == ("sony", "sheet")

@@ -41,10 +41,14 @@ def utc_ns(text: str, where: str) -> int:
     ConfigError
         When it is no time, or has no zone.
     """
+    from uwgraph.dive.validate import EARLIEST_NS, LATEST_NS
     from uwgraph.time import from_datetime
 
     try:
-        return from_datetime(datetime.fromisoformat(text))
+        t_ns = from_datetime(datetime.fromisoformat(text))
+        if not EARLIEST_NS <= t_ns <= LATEST_NS:
+            raise ConfigError(f"{text} is not between 1990 and 2100", where=where, remedy="give the time of the dive")
+        return t_ns
     except ValueError as error:
         raise ConfigError(f"{text!r} is no time", where=where, remedy="write 2022-06-08T09:00:00Z") from error
     except DataError as error:

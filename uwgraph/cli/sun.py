@@ -40,9 +40,13 @@ UtcOption = Annotated[
 ]
 LatOption = Annotated[float | None, typer.Option("--lat", metavar="DEG", min=-90, max=90, help="Latitude, north.")]
 LonOption = Annotated[float | None, typer.Option("--lon", metavar="DEG", min=-180, max=360, help="Longitude, east.")]
-RollOption = Annotated[float, typer.Option("--roll-deg", metavar="DEG", help="Roll, starboard down.")]
-PitchOption = Annotated[float, typer.Option("--pitch-deg", metavar="DEG", help="Pitch, bow up.")]
-TiltOption = Annotated[float, typer.Option("--tilt-sigma-deg", metavar="DEG", min=0, help="1-sigma of both.")]
+RollOption = Annotated[
+    float, typer.Option("--roll-deg", metavar="DEG", min=-180, max=180, help="Roll, starboard down.")
+]
+PitchOption = Annotated[float, typer.Option("--pitch-deg", metavar="DEG", min=-89, max=89, help="Pitch, bow up.")]
+TiltOption = Annotated[
+    float, typer.Option("--tilt-sigma-deg", metavar="DEG", min=0, max=45, help="1-sigma of both; 0: exact.")
+]
 PolarizerOption = Annotated[
     str | None,
     typer.Option(
@@ -98,7 +102,7 @@ def estimate(
     file = _camera(camera, polarizer_deg, mosaic, mount, analyser)
     when = _when(utc, lat, lon)
     view = _view(file, medium, n, when, roll_deg, pitch_deg, tilt_sigma_deg)
-    result = figures(_estimate(images, file, view, method, yaw_deg), when)
+    result = figures(_estimate(images, file, view, method, yaw_deg), when, view.tilt_sigma)
     if as_json:
         print_json(result)
     else:
@@ -209,7 +213,10 @@ def locate(
         Path, typer.Argument(metavar="DIVE|CSV", help="A dive with sun and heading, or a table of suns.")
     ],
     declination_deg: Annotated[
-        float, typer.Option(metavar="DEG", help="Of magnetic north, east positive, where headings are magnetic.")
+        float,
+        typer.Option(
+            metavar="DEG", min=-180, max=180, help="Of magnetic north, east positive, where headings are magnetic."
+        ),
     ] = 0.0,
     heading_sigma_deg: Annotated[float, typer.Option(metavar="DEG", min=0, help="1-sigma of each heading.")] = 0.0,
     offset_sigma_deg: Annotated[
@@ -255,7 +262,7 @@ def locate(
         note(f"not to be used: {', '.join(fix.flags.names())}")
 
 
-def figures(found: Estimate, when: When) -> dict[str, Any]:
+def figures(found: Estimate, when: When, tilt_sigma: float) -> dict[str, Any]:
     """The result for programs; a heading only where the sun may be used and the almanac can be asked."""
     import numpy as np
 
@@ -267,7 +274,7 @@ def figures(found: Estimate, when: When) -> dict[str, Any]:
         "azimuth_b_deg": float(np.degrees(sun.azimuth_b)) % 360.0,
         "elevation_deg": float(np.degrees(sun.elevation)),
         "heading_deg": None if heading is None else float(np.degrees(heading)) % 360.0,
-        "heading_sigma_deg": None if heading is None else float(np.degrees(sun.azimuth_sigma)),
+        "heading_sigma_deg": None if heading is None else float(np.degrees(sun.heading_sigma(tilt_sigma))),
         "information": sun.information_b.tolist(),
         "quality": sun.quality,
         "flags": list(sun.flags.names()),
@@ -359,9 +366,12 @@ def _estimate(images: list[Path], file: CameraFile, view: View, method: Method |
 
 def _numbers(text: str, where: str) -> tuple[float, ...]:
     try:
-        return tuple(float(part) for part in text.split(","))
-    except ValueError as error:
-        raise ConfigError(f"{text!r} is no list of numbers", where=where, remedy="write 0,45,90,135") from error
+        numbers = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        numbers = (math.nan,)
+    if not all(map(math.isfinite, numbers)):
+        raise ConfigError(f"{text!r} is no list of numbers", where=where, remedy="write 0,45,90,135")
+    return numbers
 
 
 def _finite(value: Any) -> Any:

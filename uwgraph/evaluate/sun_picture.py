@@ -93,7 +93,8 @@ def pixel_of(s_b: FloatArray, view: View) -> FloatArray:
     ray = ray @ view.camera.R_bs
     if view.in_water and view.camera.port == "flat":
         ray = refract(ray, np.array([0.0, 0.0, 1.0]), 1.0 / view.n)
-    return view.camera.project(ray)[0]
+    uv: FloatArray = view.camera.project(ray)[0]
+    return uv
 
 
 def _used(found: PolarizationEstimate) -> BoolArray:
@@ -102,7 +103,8 @@ def _used(found: PolarizationEstimate) -> BoolArray:
     return used.reshape(found.image.I.shape)
 
 
-def _vote(axes: PolarAxes, found: PolarizationEstimate) -> None:
+def _vote(axes: Axes, found: PolarizationEstimate) -> None:
+    assert isinstance(axes, PolarAxes)
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
     axes.set_title("votes for the sun's azimuth, from the bow")

@@ -1,4 +1,6 @@
-"""Camera files: our own YAML, Kalibr's camchain and OpenCV's FileStorage (YAML or XML), told apart by their keys.
+"""Camera files: our own YAML, Kalibr's camchain, OpenCV's FileStorage (YAML or XML), ROS's camera_info: by their keys.
+
+``mount``, ``R_bs``, ``port``, ``analyser``, ``mosaic``, ``polarizer_deg`` and ``sensor`` may be added to any of them.
 
 Our own::
 
@@ -29,7 +31,14 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from uwgraph.dive.yamlfile import parse_settings, parse_yaml, read_text
 from uwgraph.errors import ConfigError, DataError
 from uwgraph.sun.camera import UP_FORWARD, Analyser, Camera, Model, Port
-from uwgraph.sun.camera_formats import is_kalibr, is_opencv, kalibr_values, opencv_storage, opencv_values
+from uwgraph.sun.camera_formats import (
+    is_kalibr,
+    is_matrix_file,
+    is_opencv,
+    kalibr_values,
+    opencv_storage,
+    opencv_values,
+)
 from uwgraph.sun.sensor import Sensor
 from uwgraph.types import FloatArray
 
@@ -148,14 +157,13 @@ def read_camera(path: Path) -> CameraFile:
         When the file cannot be read, or a field is missing or unusable; it names file and field.
     """
     text, where = read_text(path), str(path)
-    if is_opencv(text):
-        values = opencv_values(opencv_storage(text, where), where)
-    else:
-        values = parse_yaml(text, where)
-        if is_kalibr(values):
-            values = kalibr_values(values, where)
+    values = opencv_storage(text, where) if is_opencv(text) else parse_yaml(text, where)
     if not isinstance(values, dict):
         raise ConfigError("holds no camera", where=where, remedy="give model, f, c and size")
+    if is_kalibr(values):
+        values = kalibr_values(values, where)
+    elif is_opencv(text) or is_matrix_file(values):
+        values = opencv_values(values, where)
     return parse_settings(_CameraSettings, values, where).camera_file()
 
 

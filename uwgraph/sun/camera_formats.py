@@ -17,15 +17,23 @@ _KALIBR_DISTORTION: Final = {"radtan": "pinhole", "equidistant": "fisheye", "equ
 _FISHEYE_MARKERS: Final = ("fisheye", "equidistant", "kannala_brandt")
 
 
-def is_kalibr(values: Any) -> bool:
-    return isinstance(values, dict) and any(str(key).startswith("cam") and "camera_model" in _dict(values[key])
-                                            for key in values)  # fmt: skip
+_OURS: Final = ("mount", "R_bs", "port", "analyser", "mosaic", "polarizer_deg", "sensor")
+"""Keys of ours that may be added to a file of any format."""
+_MATRIX: Final = ("camera_matrix", "K", "Camera_Matrix")
+_DISTORTION: Final = ("distortion_coefficients", "D", "Distortion_Coefficients", "dist_coeffs", "distortion")
+
+
+def is_kalibr(values: Mapping[str, Any]) -> bool:
+    return "camera_model" in values or any("camera_model" in _dict(camera) for camera in values.values())
 
 
 def kalibr_values(chain: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """The first camera of a camchain (pinhole-radtan, pinhole-equi)."""
-    name = min(key for key in chain if "camera_model" in _dict(chain[key]))
-    camera, where = chain[name], f"{where}: {name}"
+    """The first camera of a camchain (pinhole-radtan, pinhole-equi), or a camera by itself."""
+    if "camera_model" in chain:
+        camera = chain
+    else:
+        name = min(key for key in chain if "camera_model" in _dict(chain[key]))
+        camera, where = chain[name], f"{where}: {name}"
     model, bend = str(camera["camera_model"]), str(camera.get("distortion_model", "none"))
     if model != "pinhole" or bend not in _KALIBR_DISTORTION:
         raise ConfigError(
@@ -42,8 +50,14 @@ def kalibr_values(chain: Mapping[str, Any], where: str) -> dict[str, Any]:
         "f": [fu, fv],
         "c": [cu, cv],
         "size": camera["resolution"],
-        "distortion": [] if bend == "none" else camera.get("distortion_coeffs"),
+        "distortion": camera.get("distortion_coeffs") or [] if bend != "none" else [],
+        **_ours(camera),
     }
+
+
+def is_matrix_file(values: Mapping[str, Any]) -> bool:
+    """Whether a camera is told by OpenCV's names without its tags: ROS camera_info, or fx, fy, cx, cy."""
+    return "f" not in values and any(key in values for key in (*_MATRIX, "fx"))
 
 
 def is_opencv(text: str) -> bool:
@@ -61,11 +75,14 @@ def opencv_storage(text: str, where: str) -> dict[str, Any]:
 
 
 def opencv_values(storage: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Our values of OpenCV's keys: camera_matrix (or K), distortion_coefficients (or D), image_width and _height."""
-    K = _matrix(storage, where, "camera_matrix", "K", "Camera_Matrix")
-    if K.shape != (3, 3):
-        raise ConfigError("is not a 3 x 3 matrix", where=f"{where}: camera_matrix", remedy="write it again")
-    D = _matrix(storage, where, "distortion_coefficients", "D", "Distortion_Coefficients").ravel()
+    """Our values of OpenCV's keys, as its FileStorage, ROS's camera_info or a plain file has them.
+
+    camera_matrix (or K; or fx, fy, cx, cy), distortion_coefficients (or D), image_width and image_height (or width and
+    height), and a model that says fisheye or equidistant where it is one.
+    """
+    K = _camera_matrix(storage, where)
+    bent = any(storage.get(key) is not None for key in _DISTORTION)
+    D = _matrix(storage, where, *_DISTORTION).ravel().tolist() if bent else []
     fisheye = str(storage.get("fisheye", storage.get("fisheye_model", 0))).lower() in ("1", "true", "yes") or any(
         marker in str(storage.get(key, "")).lower()
         for key in ("distortion_model", "model")
@@ -75,9 +92,33 @@ def opencv_values(storage: Mapping[str, Any], where: str) -> dict[str, Any]:
         "model": "fisheye" if fisheye else "pinhole",
         "f": [K[0, 0].item(), K[1, 1].item()],
         "c": [K[0, 2].item(), K[1, 2].item()],
-        "size": [_first(storage, where, "image_width"), _first(storage, where, "image_height")],
-        "distortion": D.tolist(),
+        "size": storage["size"]
+        if "size" in storage
+        else [_first(storage, where, "image_width", "width"), _first(storage, where, "image_height", "height")],
+        "distortion": D,
+        **_ours(storage),
     }
+
+
+def _camera_matrix(storage: Mapping[str, Any], where: str) -> FloatArray:
+    if "fx" in storage:
+        fx, fy, cx, cy = (_number(storage, where, key) for key in ("fx", "fy", "cx", "cy"))
+        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    K = _matrix(storage, where, *_MATRIX)
+    if K.size != 9:
+        raise ConfigError("is not a 3 x 3 matrix", where=f"{where}: camera_matrix", remedy="write it again")
+    return K.reshape(3, 3)
+
+
+def _number(storage: Mapping[str, Any], where: str, name: str) -> float:
+    try:
+        return float(_first(storage, where, name))
+    except (TypeError, ValueError) as error:
+        raise ConfigError("is no number", where=f"{where}: {name}", remedy="write it again") from error
+
+
+def _ours(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: values[key] for key in _OURS if key in values}
 
 
 def _xml(text: str, where: str) -> dict[str, Any]:
@@ -96,9 +137,12 @@ def _xml(text: str, where: str) -> dict[str, Any]:
 
 
 def _matrix(storage: Mapping[str, Any], where: str, *names: str) -> FloatArray:
-    found = _dict(_first(storage, where, *names))
+    """A matrix with its rows and columns, or as lists."""
+    found = _first(storage, where, *names)
     try:
-        return np.array(found["data"], dtype=np.float64).reshape(int(found["rows"]), int(found["cols"]))
+        if isinstance(found, dict):
+            return np.array(found["data"], dtype=np.float64).reshape(int(found["rows"]), int(found["cols"]))
+        return np.atleast_2d(np.array(found, dtype=np.float64))
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise ConfigError("is not a matrix", where=f"{where}: {names[0]}", remedy="write it again") from error
 

@@ -95,6 +95,10 @@ class SunObservation:
         across = across / norm
         return float(np.sqrt(across @ self.cov_b @ across)) / norm
 
+    def heading_sigma(self, tilt_sigma: float) -> float:
+        """1-sigma of a heading, rad: a tilt of the vertical by ``tilt_sigma`` turns the azimuth by tan(elevation)."""
+        return float(np.hypot(self.azimuth_sigma, tilt_sigma * np.tan(abs(self.elevation))))
+
     def heading(self, sun_azimuth: float) -> float:
         """True heading [rad] where the almanac has the sun at ``sun_azimuth`` [rad, clockwise from north]."""
         return float(wrap_pi(sun_azimuth - self.azimuth_b))

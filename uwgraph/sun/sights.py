@@ -102,7 +102,7 @@ def _column(table: pd.DataFrame, name: str, where: str) -> Any:
 
 
 def _numbers(table: pd.DataFrame, name: str, where: str) -> FloatArray:
-    values = pd.to_numeric(_column(table, name, where), errors="coerce").to_numpy(np.float64)
+    values: FloatArray = pd.to_numeric(_column(table, name, where), errors="coerce").to_numpy(np.float64)
     if not np.isfinite(values).all():
         row = int(np.argmin(np.isfinite(values))) + 1
         raise DataError(f"row {row} is no number", where=f"{where}: {name}", remedy="correct it, or take the row out")
