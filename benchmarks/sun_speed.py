@@ -4,7 +4,7 @@ Polarization: a 2448 x 2048 16-bit Sony mosaic, bins of 8 x 8 cells (19 584 pixe
 the candidates are found on some thousand of them), camera geometry cached. The yardstick is polanalyser's
 demosaicking, Stokes vectors and angle of polarization alone.
 
-Gradient: a 1024 x 1024 16-bit image with its own vertical, binned to about 3600 pixels, all of which are used, camera
+Gradient: a 1024 x 1024 16-bit image with its own vertical, binned to 64 x 64 pixels, all of which are used, camera
 geometry cached. The yardstick is one cv2.GaussianBlur (sd 3) and two cv2.Sobel of the same image as floats.
 """
 

@@ -106,7 +106,7 @@ def test_disc_and_glints_are_masked() -> None:
     image[v - 5 : v + 6, u - 5 : u + 6] = 4095.0
     image[100:104, 150:154] = 3900.0
     found = estimate(image, AIR, SENSOR)
-    factor = round(float(np.sqrt(image.size / 3600)))
+    factor = round(float(np.sqrt(image.size / 4096)))
     assert not found.light.good[v // factor, u // factor]
     assert not found.light.good[102 // factor, 152 // factor]
     assert np.degrees(np.arccos(found.observation.s_b @ s)) < 0.1

@@ -28,7 +28,7 @@ ENOUGH = np.radians(0.005)
 """A step at which to stop."""
 LONGEST = np.radians(6.0)
 """No step goes farther."""
-L1_ROUNDS = 4
+L1_ROUNDS = 3
 CUTOFF = 5.0
 """Standard deviations at which the redescending weight (Geman & McClure) is a quarter."""
 TABLE: Final = 8192
@@ -114,7 +114,7 @@ def additive_sun(sky: Sky, start: FloatArray, *, rings: bool = True, free_zenith
         s = moved(s, sky.up, move)
         if turn < REWEIGHTED:
             texture2, trust = _reweighted(fit.residual - fit.J @ move, sky.variance)
-    own = _beyond(fit.sun_part, _zenith_splines(sky), trust)
+    own = _beyond(fit.sun_part, H if rings else _zenith_splines(sky), trust)
     signal, left = ((trust * x**2).sum() for x in (own, fit.residual))
     return AdditiveResult(
         s=s,
@@ -145,8 +145,7 @@ def refit(sky: Sky, result: AdditiveResult, *, rings: bool, free_zenith: bool) -
 
 def _beyond(part: FloatArray, basis: FloatArray, weight: FloatArray) -> FloatArray:
     """What of ``part`` the columns of ``basis`` cannot explain."""
-    root = np.sqrt(weight)
-    return np.asarray(part - basis @ np.linalg.lstsq(basis * root[:, None], part * root, rcond=None)[0])
+    return part - basis @ _solve(basis, basis * weight[:, None], part)[0]
 
 
 def _fit(sky: Sky, H: FloatArray, s: FloatArray, w: FloatArray) -> _Fit:

@@ -34,7 +34,7 @@ TILT_STEP = np.radians(0.5)
 class GradientSettings:
     """How an image is reduced, and when its sun must not be used; angles in rad."""
 
-    cells: int = 3600
+    cells: int = 4096
     """The image is binned to about this many pixels."""
     blur: float = 1.2
     """Standard deviation of the Gaussian before differentiation, binned pixels."""
@@ -62,7 +62,7 @@ class GradientSettings:
     """Least standard deviation of ln L that the sun must account for beyond the zenith angle."""
     explained: float = 0.985
     """Least share of the light's variance beyond the zenith angle that the sun must account for."""
-    agreeing: float = 0.8
+    agreeing: float = 0.75
     """Least mean robust weight of the pixels that the masks left."""
     rivalry: float = 1.25
     """Least objective of the second best direction over that of the best."""
