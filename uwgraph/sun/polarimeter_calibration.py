@@ -163,7 +163,7 @@ def calibrate(
     if saturation is None:
         saturation = plateau(np.concatenate([t.counts for t in turns]))
     cut = _Cut(turns, angles, saturation, dark)
-    good, notes = np.zeros(angles.shape, dtype=np.bool_), ["faulty" for _ in angles]
+    good, notes = np.zeros(angles.shape, dtype=np.bool_), ["a dead photodiode"] * len(angles)
     units: dict[int, _Unit] = {}
     skies: list[FloatArray] = []
     for u in range(len(angles)):
@@ -172,9 +172,9 @@ def calibrate(
             notes[u] = "dead or always saturated"
         elif cut.alive[u].all():
             fit = _alone(readings, len(turns), settings)
-            notes[u] = f"faulty: {fit.errors[0]:.1%} of the intensity off the pattern"
-            if _plausible(fit, settings):
-                units[u], good[u], notes[u] = fit.units[0], True, ""
+            notes[u] = _fault(fit, settings)
+            if not notes[u]:
+                units[u], good[u] = fit.units[0], True
                 skies.append(fit.sky.vector())
     if not units:
         raise DataError(
@@ -277,18 +277,21 @@ def _without_one(cut: _Cut, u: int, sky: _Sky, settings: CalibrationSettings) ->
         if readings is None:
             continue
         fit = _searched(readings, sky, np.zeros(len(sky.vector()), dtype=np.bool_), settings)
-        if _plausible(fit, settings):
+        if not _fault(fit, settings):
             found.append((fit.errors[0], fit.units[0], use))
     return min(found, key=lambda f: f[0])[1:] if found else None
 
 
-def _plausible(fit: _Fit, settings: CalibrationSettings) -> bool:
+def _fault(fit: _Fit, settings: CalibrationSettings) -> str:
+    """What speaks against the only unit of a fit; empty where nothing does."""
     gains = fit.units[0].gains
-    return (
-        fit.errors[0] < settings.most_error
-        and settings.dop[0] < fit.sky.dop < settings.dop[1]
-        and gains.max() < settings.most_gain * gains.min()
-    )
+    if fit.errors[0] > settings.most_error:
+        return f"faulty: {fit.errors[0]:.1%} of the intensity off the pattern"
+    if gains.max() > settings.most_gain * gains.min():
+        return f"faulty: gains differ by a factor of {gains.max() / gains.min():.1f}"
+    if not settings.dop[0] < fit.sky.dop < settings.dop[1]:
+        return f"faulty: degree of polarization {fit.sky.dop:.2f} at 90 deg from the sun"
+    return ""
 
 
 def _searched(unit: _Unit, sky: _Sky, free: BoolArray, settings: CalibrationSettings) -> _Fit:
