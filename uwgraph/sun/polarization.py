@@ -59,6 +59,8 @@ class Settings:
     """Factor on the covariance under water: waves err together beyond a block."""
     prior: Prior = field(default_factory=Prior)
     sky_error: SkyError = field(default_factory=lambda: SkyError(along=np.radians(0.3), across=np.radians(0.1)))
+    veil_error: float = np.radians(2.5)
+    """1-sigma of the sun's height for each unit of ln kappa that the water took of the polarization."""
     robust: Robust = field(default_factory=Robust)
     gates: Gates = field(default_factory=Gates)
 
@@ -109,10 +111,16 @@ def estimate(image: StokesImage, view: View, settings: Settings | None = None) -
         t_ns=view.t_ns,
         flags=flags,
         share=share,
-        sky_error=settings.sky_error,
+        sky_error=_sky_error(unknowns, settings),
         gates=settings.gates,
     )
     return PolarizationEstimate(found, image, pixels, sky, solution, unknowns)
+
+
+def _sky_error(unknowns: Unknowns, settings: Settings) -> SkyError:
+    """Light scattered in the water has its own pattern about the refracted sun, and lifts or sinks the pole."""
+    along = np.hypot(settings.sky_error.along, settings.veil_error * unknowns.log_kappa)
+    return replace(settings.sky_error, along=float(along))
 
 
 def _screened(image: StokesImage, view: View, settings: Settings) -> tuple[IndexArray, float, SunFlag]:
@@ -155,7 +163,7 @@ def _solved(light: Light, view: View, settings: Settings) -> tuple[Evectors, Sol
     solution = solve(thin.evectors(unknowns), view.up_b, view.sun_zenith, robust)
     _, fit, unknowns = settled(thin, solution.fit, unknowns, view, robust, prior, steps=4)
     excess = refine(thin.evectors(unknowns), fit.s_b, view.up_b, robust).excess
-    sky, fit, unknowns = settled(above, replace(fit, excess=excess), unknowns, view, robust, prior, steps=1)
+    sky, fit, unknowns = settled(above, replace(fit, excess=excess), unknowns, view, robust, prior, steps=4)
     nuisance = derivatives(above, sky, fit.s_b, unknowns, view.in_water)
     cov = covariance(sky, fit, nuisance, prior.sigma(view.in_water))
     if view.in_water:

@@ -20,6 +20,8 @@ from uwgraph.types import FloatArray
 KAPPAS: Final = np.geomspace(1.0, 16.0, 15)
 _FIRST: Final = Unknowns(log_kappa=float(np.log(1.3)))
 _GRID_PIXELS: Final = 700
+_LAST_TWICE: Final = 1e-3  # of the order of 0.01 deg in the direction, and so the next
+_LAST_LOG_KAPPA: Final = 0.03
 
 
 @dataclass(frozen=True)
@@ -57,13 +59,15 @@ def improved(light: Skylight, sky: Evectors, fit: Fit, at: Unknowns, prior: Prio
 def settled(
     light: Skylight, fit: Fit, at: Unknowns, view: View, robust: Robust, prior: Prior, steps: int
 ) -> tuple[Evectors, Fit, Unknowns]:
-    """Sky, direction and unknowns after some steps from a start near by."""
+    """Sky, direction and unknowns from a start near by, after ``steps`` steps or when they no longer matter."""
     sky = light.evectors(at)
     fit = refine(sky, fit.s_b, view.up_b, robust, fit.excess)
     for _ in range(steps):
-        at = improved(light, sky, fit, at, prior, view.in_water)
+        before, at = at, improved(light, sky, fit, at, prior, view.in_water)
         sky = light.evectors(at)
         fit = refine(sky, fit.s_b, view.up_b, robust, fit.excess)
+        if abs(at.twice - before.twice) < _LAST_TWICE and abs(at.log_kappa - before.log_kappa) < _LAST_LOG_KAPPA:
+            break
     return sky, fit, at
 
 
