@@ -1,8 +1,9 @@
-"""The integral of the ring form: ln L = F(angle from the sun) + H(zenith angle), with F and H smooth.
+"""The integral of the ring form: ln L = F(angle from the sun) + H(zenith angle) + the lens, F and H smooth.
 
 Nothing is blurred or differentiated: every pixel counts with its own noise, and masks leave no rims. F and H are cubic
 splines, linear given the sun; the sun's two numbers follow by Gauss-Newton with the splines eliminated (variable
 projection: Golub & Pereyra 1973, Kaufman 1975), reweighted against clouds and waves. Without H it is the plain form.
+The lens darkens towards its rim by two more terms: on a tilted camera no function of the zenith angle takes them up.
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ LONGEST = np.radians(6.0)
 L1_ROUNDS = 3
 CUTOFF = 5.0
 """Standard deviations at which the redescending weight (Geman & McClure) is a quarter."""
+LENS = 50.0 / np.array([0.3, 0.15]) ** 2
+"""Prior of the lens's darkening at the rim: 0.3 and 0.15 in ln L; 50 neighbours on a rough sea count as one pixel."""
 TABLE: Final = 8192
 
 
@@ -48,6 +51,8 @@ class Sky:
     """Number of the block of neighbours that err together, shape (N,)."""
     up: FloatArray
     """Zenith in b, shape (3,)."""
+    off_axis2: FloatArray
+    """Square of the distance from the optical axis, 1 at the farthest, shape (N,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +106,7 @@ class _Fit:
 
 def additive_sun(sky: Sky, start: FloatArray, *, rings: bool = True, free_zenith: bool = True) -> AdditiveResult:
     """Refine the sun from ``start`` (3,); without ``rings`` H is left out, without ``free_zenith`` the height stays."""
-    H = _zenith_splines(sky) if rings else np.zeros((len(sky.y), 0))
+    H = _beside_the_sun(sky, rings)
     s, step = start, np.inf
     texture2, trust = _reweighted(_least_absolute(sky, H, s), sky.variance)
     for turn in range(ITERATIONS):
@@ -114,7 +119,7 @@ def additive_sun(sky: Sky, start: FloatArray, *, rings: bool = True, free_zenith
         s = moved(s, sky.up, move)
         if turn < REWEIGHTED:
             texture2, trust = _reweighted(fit.residual - fit.J @ move, sky.variance)
-    own = _beyond(fit.sun_part, H if rings else _zenith_splines(sky), trust)
+    own = _beyond(fit.sun_part, _beside_the_sun(sky, rings=True), trust)
     signal, left = ((trust * x**2).sum() for x in (own, fit.residual))
     return AdditiveResult(
         s=s,
@@ -138,9 +143,29 @@ def _covariance(fit: _Fit, sky: Sky, parameters: int) -> FloatArray:
 
 def refit(sky: Sky, result: AdditiveResult, *, rings: bool, free_zenith: bool) -> FloatArray:
     """The sun after one more step with the weights of ``result``, for another vertical or other directions."""
-    H = _zenith_splines(sky) if rings else np.zeros((len(sky.y), 0))
+    H = _beside_the_sun(sky, rings)
     fit = _fit(sky, H, result.s, result.weight / (sky.variance + result.texture**2))
     return moved(result.s, sky.up, _step(fit, free_zenith))
+
+
+def jackknife(
+    sky: Sky, result: AdditiveResult, groups: NDArray[np.intp], *, rings: bool, free_zenith: bool
+) -> FloatArray:
+    """Covariance (2, 2) along ``result.E`` [rad^2] from leaving out one of ``groups`` (N,) at a time (Tukey 1958).
+
+    What is wrong with the model is wrong over much of the sky: parts of it then point to different suns. The splines
+    are fitted anew each time; the normal equations of the groups add up, and so no pixel is touched again.
+    """
+    w = result.weight / (sky.variance + result.texture**2)
+    B, _, J = _linearised(sky, _beside_the_sun(sky, rings), result.s, w)
+    D = np.concatenate([J if free_zenith else J[:, 1:], B, sky.y[:, None]], axis=1)
+    parts = np.array([(D[k] * w[k, None]).T @ D[k] for k in (groups == g for g in np.unique(groups))])
+    moves = np.zeros((len(parts), 2))
+    for move, left in zip(moves, parts.sum(axis=0) - parts, strict=True):
+        normal, right = _regular(left[:-1, :-1]), left[:-1, -1]
+        move[0 if free_zenith else 1 :] = np.linalg.solve(normal, right)[: 2 if free_zenith else 1]
+    moves -= moves.mean(axis=0)
+    return np.asarray((len(moves) - 1) / len(moves) * moves.T @ moves)
 
 
 def _beyond(part: FloatArray, basis: FloatArray, weight: FloatArray) -> FloatArray:
@@ -150,18 +175,32 @@ def _beyond(part: FloatArray, basis: FloatArray, weight: FloatArray) -> FloatArr
 
 def _fit(sky: Sky, H: FloatArray, s: FloatArray, w: FloatArray) -> _Fit:
     """Weighted least squares of the splines, and score and curvature of s with them eliminated."""
+    B, fitted, J = _linearised(sky, H, s, w)
+    weighted = B * w[:, None]
+    J = J - B @ (fitted.inverse @ (weighted.T @ J))
+    n_f = _table(F_PIECES)[0].shape[1]
+    return _Fit(sky.y - B @ fitted.c, B[:, :n_f] @ fitted.c[:n_f], fitted.slope, J, w)
+
+
+@dataclass(frozen=True, eq=False)
+class _Splines:
+    """Coefficients, the inverse of their normal matrix, and F' of every pixel."""
+
+    c: FloatArray
+    inverse: FloatArray
+    slope: FloatArray
+
+
+def _linearised(sky: Sky, H: FloatArray, s: FloatArray, w: FloatArray) -> tuple[FloatArray, _Splines, FloatArray]:
+    """Columns of the splines, their fit, and the derivative (N, 2) of the model along the tangents of s."""
     gamma = _angle(sky.a, s)
     rows, dx = _sun_rows(gamma)
     values, slopes = _table(F_PIECES)
     B = np.concatenate([values[rows], H], axis=1)
-    weighted = B * w[:, None]
-    c, inverse = _solve(B, weighted, sky.y)
-    n_f = values.shape[1]
-    slope = (slopes @ c[:n_f])[rows] * dx
+    c, inverse = _solve(B, B * w[:, None], sky.y)
+    slope = (slopes @ c[: values.shape[1]])[rows] * dx
     J = (sky.a @ tangents(s, sky.up)) * (-slope / np.maximum(np.sin(gamma), 1e-3))[:, None]
-    J -= B @ (inverse @ (weighted.T @ J))
-    residual = sky.y - B @ c
-    return _Fit(residual, B[:, :n_f] @ c[:n_f], slope, J, w)
+    return B, _Splines(c, inverse, slope), J
 
 
 def _least_absolute(sky: Sky, H: FloatArray, s: FloatArray) -> FloatArray:
@@ -176,12 +215,18 @@ def _least_absolute(sky: Sky, H: FloatArray, s: FloatArray) -> FloatArray:
 
 
 def _solve(B: FloatArray, weighted: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Coefficients of least squares, and the inverse of the normal matrix."""
-    normal = B.T @ weighted
-    normal[np.diag_indices_from(normal)] += RIDGE * np.trace(normal) / len(normal)
+    """Coefficients of least squares, and the inverse of the normal matrix; the last two columns are the lens's."""
+    normal = _regular(B.T @ weighted)
     inverse: FloatArray = np.asarray(np.linalg.inv(normal), dtype=np.float64)
     c: FloatArray = inverse @ (weighted.T @ y)
     return c, inverse
+
+
+def _regular(normal: FloatArray) -> FloatArray:
+    """A normal matrix, the lens's two columns last, with a hair's ridge and the lens's prior."""
+    normal = normal + RIDGE * np.trace(normal) / len(normal) * np.eye(len(normal))
+    normal[[-2, -1], [-2, -1]] += LENS
+    return normal
 
 
 def _step(fit: _Fit, free_zenith: bool) -> FloatArray:
@@ -214,6 +259,12 @@ def moved(s: FloatArray, up: FloatArray, d: FloatArray) -> FloatArray:
 
 def _angle(a: FloatArray, s: FloatArray) -> FloatArray:
     return np.asarray(np.arccos(np.clip(a @ s, -1.0, 1.0)))
+
+
+def _beside_the_sun(sky: Sky, rings: bool) -> FloatArray:
+    """Columns of the terms that do not know the sun: the zenith angle's, if any, and the lens's."""
+    lens = np.stack([sky.off_axis2, sky.off_axis2**2], axis=1)
+    return np.concatenate([_zenith_splines(sky), lens], axis=1) if rings else lens
 
 
 def _zenith_splines(sky: Sky) -> FloatArray:

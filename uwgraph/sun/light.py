@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from uwgraph.errors import DataError
 from uwgraph.sun.gradient import GradientField, SkyLight, gradient_field, sky_light
-from uwgraph.sun.gradient_additive import AdditiveResult, Sky, additive_sun, moved, refit
+from uwgraph.sun.gradient_additive import AdditiveResult, Sky, additive_sun, jackknife, moved, refit
 from uwgraph.sun.gradient_plain import PlainResult, plain_sun
 from uwgraph.sun.gradient_ring import RingResult, ring_sun
 from uwgraph.sun.information import FLOOR, rank2
@@ -28,6 +28,7 @@ Form = Literal["plain", "ring"]
 LEAST_CELLS = 150
 """Fewer binned pixels of clear sky say nothing about a sun."""
 TILT_STEP = np.radians(0.5)
+SECTORS = 6
 
 
 @dataclass(frozen=True)
@@ -131,6 +132,7 @@ def estimate(
     if view.in_water:
         cov = settings.waves * cov + np.diag([settings.water_zenith, settings.wave_sigma]) ** 2
     cov = cov + FLOOR**2 * np.eye(2)
+    cov += _sector_covariance(sky, fit, view, form)
     cov += _tilt_covariance(sky, light, fit, view, form)
     flags = _flags(free, fit, ring, form, cov, sky, view, settings)
     observation = _observation(fit, ring, cov, flags, light, view)
@@ -188,6 +190,12 @@ def _flags(
     return flags
 
 
+def _sector_covariance(sky: Sky, fit: AdditiveResult, view: View, form: Form) -> FloatArray:
+    """How far the sun moves as one sector of the sky after the other is left out."""
+    sector = np.floor(azimuth_in_level(sky.a, view.up_b) / (2.0 * np.pi) * SECTORS).astype(np.intp)
+    return jackknife(sky, fit, sector, rings=form == "ring", free_zenith=view.sun_zenith is None)
+
+
 def _tilt_covariance(sky: Sky, light: SkyLight, fit: AdditiveResult, view: View, form: Form) -> FloatArray:
     """What a wrong vertical does to the sun along ``fit.E``: rays are bent, and rings laid, about it."""
     cov = np.zeros((2, 2))
@@ -213,7 +221,17 @@ def _sky(light: SkyLight, up_b: FloatArray, blocks: int) -> Sky:
     size = -(-max(light.good.shape) // blocks)
     number = np.unique((rows // size) * blocks + columns // size, return_inverse=True)[1]
     good = light.good
-    return Sky(light.directions(good, up_b), light.log_l[good], light.variance[good], number.astype(np.intp), up_b)
+    axis = light.view.camera.R_bs[:, 2]
+    w = light.view.body_rays()[0][good.ravel()]
+    off_axis2 = 1.0 - w @ axis
+    return Sky(
+        light.directions(good, up_b),
+        light.log_l[good],
+        light.variance[good],
+        number.astype(np.intp),
+        up_b,
+        off_axis2 / max(float(off_axis2.max()), 1e-9),
+    )
 
 
 def _observation(
