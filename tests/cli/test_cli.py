@@ -46,7 +46,7 @@ def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_help_names_every_command() -> None:
     done = run("--help")
     assert done.returncode == 0
-    for command in ("import", "check", "simulate", "smooth", "demo", "version"):
+    for command in ("import", "check", "simulate", "smooth", "sun", "demo", "version"):
         assert command in done.stdout
 
 

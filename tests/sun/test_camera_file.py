@@ -239,7 +239,10 @@ resolution: [640, 480]
 """
 
 
-@pytest.mark.parametrize("text", [ROS, PLAIN, ROWS, SINGLE], ids=["ros", "plain", "rows", "single"])
+NAMED = PLAIN.replace("D: [0.01, -0.002, 0, 0]", "k1: 0.01\nk2: -0.002")
+
+
+@pytest.mark.parametrize("text", [ROS, PLAIN, ROWS, SINGLE, NAMED], ids=["ros", "plain", "rows", "single", "named"])
 def test_other_spellings_of_one_camera(given_file, text):
     file = read_camera(given_file(text + "mosaic: sony\nanalyser: sheet\n"))
     camera = file.camera

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,7 +12,7 @@ from matplotlib.projections.polar import PolarAxes
 from uwgraph.atomic import atomic_file
 from uwgraph.sun.estimate import Estimate
 from uwgraph.sun.light import GradientEstimate
-from uwgraph.sun.observation import SunObservation
+from uwgraph.sun.observation import SunObservation, level_axes
 from uwgraph.sun.polarization import PolarizationEstimate
 from uwgraph.sun.scattering_fit import ScatteringFit
 from uwgraph.sun.surface import refract, to_water
@@ -21,7 +20,6 @@ from uwgraph.sun.view import View
 from uwgraph.types import BoolArray, FloatArray
 
 BLUE, GREY, SUN = "#1f5fa8", "#8a8a8a", "#e8a33d"
-DEGREES: Final = "degrees"
 
 
 def sun_picture(found: Estimate, view: View, path: Path, title: str = "") -> None:
@@ -36,11 +34,11 @@ def sun_picture(found: Estimate, view: View, path: Path, title: str = "") -> Non
         if isinstance(found, PolarizationEstimate):
             _image(picture, np.log(np.maximum(found.image.I, 1e-3)), _used(found), view)
             _vote(figure.add_subplot(grid[0, 1], projection="polar"), found)
-            _residuals(figure.add_subplot(grid[0, 2]), _polarization_residuals(found), view)
+            _residuals(figure.add_subplot(grid[0, 2]), _polarization_residuals(found), view, "deg")
         else:
             _image(picture, found.light.log_l, found.light.good, view)
             _gradients(figure.add_subplot(grid[0, 1]), found, view)
-            _residuals(figure.add_subplot(grid[0, 2]), _gradient_residuals(found), view)
+            _residuals(figure.add_subplot(grid[0, 2]), _gradient_residuals(found), view, "%")
         _mark(picture, found.observation, view)
     figure.suptitle(_headline(title, found.observation), x=0.01, ha="left", fontsize=11)
     with atomic_file(path) as partial:
@@ -111,6 +109,7 @@ def _vote(axes: Axes, found: PolarizationEstimate) -> None:
     axes.set_yticks([])
     vote = found.solution.vote if found.solution is not None else None
     if vote is None or not len(vote.modes):
+        axes.set_title("no vote: it takes time and place")
         return
     count = len(vote.histogram)
     centres = (np.arange(count) + 0.5) * 2.0 * np.pi / count - np.pi
@@ -127,10 +126,8 @@ def _polarization_residuals(found: PolarizationEstimate) -> FloatArray:
 
 
 def _gradients(axes: Axes, found: GradientEstimate, view: View) -> None:
-    """Directions in which the light grows, in the sky above: up is the bow, right is starboard."""
-    from uwgraph.sun.observation import level_axes
-
-    axes.set(title="where the light grows (sky from below: bow up)", aspect="equal", xticks=[], yticks=[])
+    """Directions in which the light grows, on a chart of the sky with the bow up and starboard to the right."""
+    axes.set(title="where the light grows (chart: bow up, starboard right)", aspect="equal", xticks=[], yticks=[])
     field = found.field
     if field is None:
         return
@@ -155,10 +152,10 @@ def _gradient_residuals(found: GradientEstimate) -> FloatArray:
     return left
 
 
-def _residuals(axes: Axes, left: FloatArray, view: View) -> None:
+def _residuals(axes: Axes, left: FloatArray, view: View, unit: str) -> None:
     spread = float(np.nanquantile(np.abs(left), 0.95)) if np.isfinite(left).any() else 1.0
     drawn = axes.imshow(left, cmap="RdBu_r", vmin=-spread, vmax=spread, extent=_extent(view))
-    axes.set(title="residuals [deg]", xlabel="column", ylabel="row")
+    axes.set(title=f"residuals [{unit}]", xlabel="column", ylabel="row")
     axes.figure.colorbar(drawn, ax=axes, shrink=0.8)
 
 

@@ -50,7 +50,7 @@ def kalibr_values(chain: Mapping[str, Any], where: str) -> dict[str, Any]:
         "f": [fu, fv],
         "c": [cu, cv],
         "size": camera["resolution"],
-        "distortion": camera.get("distortion_coeffs") or [] if bend != "none" else [],
+        "distortion": [] if bend == "none" else camera.get("distortion_coeffs"),
         **_ours(camera),
     }
 
@@ -81,8 +81,6 @@ def opencv_values(storage: Mapping[str, Any], where: str) -> dict[str, Any]:
     height), and a model that says fisheye or equidistant where it is one.
     """
     K = _camera_matrix(storage, where)
-    bent = any(storage.get(key) is not None for key in _DISTORTION)
-    D = _matrix(storage, where, *_DISTORTION).ravel().tolist() if bent else []
     fisheye = str(storage.get("fisheye", storage.get("fisheye_model", 0))).lower() in ("1", "true", "yes") or any(
         marker in str(storage.get(key, "")).lower()
         for key in ("distortion_model", "model")
@@ -95,7 +93,7 @@ def opencv_values(storage: Mapping[str, Any], where: str) -> dict[str, Any]:
         "size": storage["size"]
         if "size" in storage
         else [_first(storage, where, "image_width", "width"), _first(storage, where, "image_height", "height")],
-        "distortion": D,
+        "distortion": _coefficients(storage, where, fisheye),
         **_ours(storage),
     }
 
@@ -108,6 +106,16 @@ def _camera_matrix(storage: Mapping[str, Any], where: str) -> FloatArray:
     if K.size != 9:
         raise ConfigError("is not a 3 x 3 matrix", where=f"{where}: camera_matrix", remedy="write it again")
     return K.reshape(3, 3)
+
+
+def _coefficients(storage: Mapping[str, Any], where: str, fisheye: bool) -> list[float]:
+    """Distortion as one matrix or list, or by name: k1 to k4 of a fisheye, k1, k2, p1, p2, k3 of a pinhole."""
+    if any(storage.get(key) is not None for key in _DISTORTION):
+        return [float(x) for x in _matrix(storage, where, *_DISTORTION).ravel()]
+    names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
+    if not any(name in storage for name in names):
+        return []
+    return [_number(storage, where, name) if name in storage else 0.0 for name in names]
 
 
 def _number(storage: Mapping[str, Any], where: str, name: str) -> float:
@@ -140,6 +148,8 @@ def _matrix(storage: Mapping[str, Any], where: str, *names: str) -> FloatArray:
     """A matrix with its rows and columns, or as lists."""
     found = _first(storage, where, *names)
     try:
+        if isinstance(found, dict) and "sizes" in found:
+            return np.atleast_2d(np.array(found["data"], dtype=np.float64))
         if isinstance(found, dict):
             return np.array(found["data"], dtype=np.float64).reshape(int(found["rows"]), int(found["cols"]))
         return np.atleast_2d(np.array(found, dtype=np.float64))

@@ -76,6 +76,8 @@ def estimate_sun(
         check_size(file.camera, image, f"image {number}")
     polarized = file.mosaic is not None or file.polarizer_deg is not None
     method = method or ("polarization" if polarized else "gradient")
+    if yaw is not None and method != "scattering":
+        raise ConfigError(f"{method} takes one heading", where="yaw", remedy="yaw goes with the scattering method")
     if method == "gradient":
         return _gradient(images, file, view)
     if method == "polarization":

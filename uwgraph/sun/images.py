@@ -32,9 +32,11 @@ def read_image(path: str | Path) -> Counts:
     try:
         with Image.open(file) as header:
             width, height = header.size
+            if header.format in ("JPEG", "MPO") and width * height <= MAX_PIXELS:
+                header.load()  # OpenCV fills the rest of a file that is cut off
     except (UnidentifiedImageError, Image.DecompressionBombError, OSError, ValueError, SyntaxError) as error:
         raise DataError(
-            f"is no image that can be read ({str(error)[:100]})", where=where, remedy="use PNG, TIFF or JPEG"
+            f"is no image that can be read ({str(error)[:100]})", where=where, remedy="use a whole PNG, TIFF or JPEG"
         ) from error
     if width * height > MAX_PIXELS:
         raise DataError(f"has {width} x {height} pixels", where=where, remedy=f"at most {MAX_PIXELS} are read")

@@ -44,7 +44,7 @@ class Processed:
     used: int
     """Those without any flag."""
     refused: dict[str, int]
-    """How often each flag was raised."""
+    """How often each flag was raised, and how many images could not be read."""
 
 
 def process_images(
@@ -88,7 +88,9 @@ def process_images(
         for name, t, u, s in zip(stream.file, stream.t_ns, up.up_b, up.sigma, strict=True)
     ]
     one = partial(_observe, place / CAMERA_FILE, method, n, (dive.origin.lat, dive.origin.lon))
-    observations = list(_watched(_mapped(one, taken, processes), len(taken), progress))
+    found = list(_watched(_mapped(one, taken, processes), len(taken), progress))
+    observations = [o for o in found if isinstance(o, SunObservation)]
+    unread = [problem for problem in found if isinstance(problem, str)]
     sun = sun_stream(observations)
     refused = {
         name: count
@@ -96,13 +98,17 @@ def process_images(
         for name in flag.names()
         if (count := sum(flag in o.flags for o in observations))
     }
-    if not len(sun):
+    if unread:
+        refused["unreadable"] = len(unread)
+    used = sum(o.ok for o in observations)
+    if not used:
+        why = ", ".join(f"{name} {count}" for name, count in refused.items())
         raise DataError(
-            f"no sun in any of {len(taken)} images ({', '.join(f'{k} {v}' for k, v in refused.items())})",
+            f"no sun to be used in any of {len(taken)} images ({why}){': ' + unread[0] if unread else ''}",
             where=str(place),
             remedy="look at one with 'uwgraph sun show'",
         )
-    return Processed(sun, len(taken), sum(o.ok for o in observations), refused)
+    return Processed(sun, len(taken), used, refused)
 
 
 _camera = lru_cache(read_camera)  # the geometry of its pixels is cached by camera, too
@@ -110,28 +116,34 @@ _camera = lru_cache(read_camera)  # the geometry of its pixels is cached by came
 
 def _observe(
     camera: Path, method: Method | None, n: float, place: tuple[float, float], taken: _Taken
-) -> SunObservation:
+) -> SunObservation | str:
+    """The observation, or what is wrong with the image."""
     file = _camera(camera)
     view = view_of(file, taken.up_b, n=n, tilt_sigma=taken.tilt_sigma, t_ns=taken.t_ns, place=place)
-    return estimate_sun([read_image(taken.file)], file, view, method).observation
+    try:
+        return estimate_sun([read_image(taken.file)], file, view, method).observation
+    except DataError as error:
+        return str(error)
 
 
-def _mapped(one: Callable[[_Taken], SunObservation], taken: list[_Taken], processes: int) -> Iterable[SunObservation]:
+def _mapped(
+    one: Callable[[_Taken], SunObservation | str], taken: list[_Taken], processes: int
+) -> Iterable[SunObservation | str]:
     if processes == 1 or len(taken) < _WORTH_A_PROCESS:
         return map(one, taken)
     return _in_processes(one, taken, processes)
 
 
 def _in_processes(
-    one: Callable[[_Taken], SunObservation], taken: list[_Taken], processes: int
-) -> Iterable[SunObservation]:
+    one: Callable[[_Taken], SunObservation | str], taken: list[_Taken], processes: int
+) -> Iterable[SunObservation | str]:
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         yield from pool.map(one, taken, chunksize=8)
 
 
 def _watched(
-    results: Iterable[SunObservation], count: int, progress: Callable[[float], None] | None
-) -> Iterable[SunObservation]:
+    results: Iterable[SunObservation | str], count: int, progress: Callable[[float], None] | None
+) -> Iterable[SunObservation | str]:
     for number, result in enumerate(results, start=1):
         if progress is not None:
             progress(number / count)
