@@ -29,9 +29,18 @@ bench: setup
 	$(BENCH)/lowering.py
 	$(BENCH)/consistency.py
 	$(BENCH)/sun_value.py --simulated
+	$(BENCH)/sun_speed.py
+	$(BENCH)/efficiency.py
+	$(BENCH)/gradient.py
+	$(BENCH)/polarization.py
+	$(BENCH)/sun_depth.py
+	$(BENCH)/geolocation.py
 	@test -d $(DATA) || echo "no recordings in $(DATA): name their folder with DATA=..."
 	test ! -d $(DATA)/snapir || $(BENCH)/snapir.py $(DATA)/snapir
 	test ! -d $(DATA)/snapir || $(BENCH)/sun_value.py $(DATA)/snapir
+	test ! -d $(DATA)/snapir || $(BENCH)/sun_images.py $(DATA)/snapir
+	test ! -d $(DATA)/sky_images || $(BENCH)/sky_images.py $(DATA)/sky_images
+	test ! -d $(DATA)/sky_compass || $(BENCH)/sky_compass.py $(DATA)/sky_compass
 	test ! -d $(DATA)/euroc || $(BENCH)/euroc.py $(DATA)/euroc
 
 setup: $(READY)
