@@ -21,10 +21,10 @@ from uwgraph.frames import matrix_from_rph
 from uwgraph.simulate.exposure import auto_scale, behind_polarizer, expose
 from uwgraph.simulate.render import Shot, render
 from uwgraph.simulate.scene import Scene
-from uwgraph.sun import light as gradient_light
+from uwgraph.sun import gradient as light_gradient
 from uwgraph.sun.eigen import jacobian, refine
 from uwgraph.sun.evector import Unknowns, light_of, skylight
-from uwgraph.sun.gradient import MAX_ZENITH
+from uwgraph.sun.gradient_field import MAX_ZENITH
 from uwgraph.sun.observation import up_from_tilt
 from uwgraph.sun.polarization import Settings, estimate
 from uwgraph.sun.sensor import Sensor
@@ -102,7 +102,7 @@ def gradient(zenith_deg: float, gain: float, images: int) -> Row:
     errors = []
     for seed in range(images):
         counts = expose(radiance, sensor, scale, 12, np.random.default_rng([seed, int(zenith_deg)]))
-        errors.append(np.cross(gradient_light.estimate(counts, view, sensor).observation.s_b, s))
+        errors.append(np.cross(light_gradient.estimate(counts, view, sensor).observation.s_b, s))
     unknown, known = gradient_bounds(view, s, radiance * scale, sensor)
     rmse = float(np.sqrt(np.mean(np.sum(np.square(errors), axis=1))))
     return {

@@ -28,7 +28,7 @@ import pandas as pd
 from scipy.optimize import least_squares
 
 from uwgraph.sun.camera import Camera
-from uwgraph.sun.light import estimate
+from uwgraph.sun.gradient import estimate
 from uwgraph.sun.observation import azimuth_in_level
 from uwgraph.sun.sensor import Sensor
 from uwgraph.sun.view import View

@@ -36,7 +36,7 @@ from uwgraph.simulate.exposure import auto_scale, expose, mosaic
 from uwgraph.sun.camera import Camera
 from uwgraph.sun.camera_file import CameraFile
 from uwgraph.sun.estimate import estimate_sun
-from uwgraph.sun.light import GradientEstimate
+from uwgraph.sun.gradient import GradientEstimate
 from uwgraph.sun.observation import SunObservation, azimuth_in_level, up_from_tilt
 from uwgraph.sun.polarization import PolarizationEstimate
 from uwgraph.sun.view import View

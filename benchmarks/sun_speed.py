@@ -22,7 +22,7 @@ from uwgraph.frames import matrix_from_rph
 from uwgraph.simulate.exposure import auto_scale, expose, mosaic
 from uwgraph.simulate.render import Shot, render
 from uwgraph.simulate.scene import Scene
-from uwgraph.sun import light as gradient_light
+from uwgraph.sun import gradient as light_gradient
 from uwgraph.sun.camera import Camera
 from uwgraph.sun.mosaic import from_mosaic
 from uwgraph.sun.observation import up_from_tilt
@@ -88,7 +88,7 @@ def gradient(depth: float | None) -> Row:
 
     def ours() -> object:
         view = View(camera, up_from_tilt(*next(tilts)), n=1.0 if depth is None else scene.n)
-        return gradient_light.estimate(image, view, sensor)
+        return light_gradient.estimate(image, view, sensor)
 
     def yardstick() -> object:
         smooth = cv2.GaussianBlur(as_float, (0, 0), 3.0)

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from uwgraph.sun.camera import UP_FORWARD
-from uwgraph.sun.gradient import gradient_field, sky_light
+from uwgraph.sun.gradient import estimate
+from uwgraph.sun.gradient_field import gradient_field, sky_light
 from uwgraph.sun.gradient_ring import ring_sun
-from uwgraph.sun.light import estimate
 from uwgraph.sun.observation import up_from_tilt
 from uwgraph.sun.view import View
 

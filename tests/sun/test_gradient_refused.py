@@ -9,7 +9,7 @@ import pytest
 from gradient_sky import SENSOR, fisheye, sky_image, sun_at
 
 from uwgraph.errors import DataError
-from uwgraph.sun.light import estimate
+from uwgraph.sun.gradient import estimate
 from uwgraph.sun.observation import SunFlag
 from uwgraph.sun.view import View
 

@@ -11,7 +11,7 @@ from matplotlib.projections.polar import PolarAxes
 
 from uwgraph.atomic import atomic_file
 from uwgraph.sun.estimate import Estimate
-from uwgraph.sun.light import GradientEstimate
+from uwgraph.sun.gradient import GradientEstimate
 from uwgraph.sun.observation import SunObservation, level_axes
 from uwgraph.sun.polarization import PolarizationEstimate
 from uwgraph.sun.scattering_fit import ScatteringFit

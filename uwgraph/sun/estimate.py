@@ -9,11 +9,11 @@ from typing import Final, Literal
 import numpy as np
 
 from uwgraph.errors import ConfigError, DataError
-from uwgraph.sun import light, polarization
+from uwgraph.sun import gradient, polarization
 from uwgraph.sun.camera_file import CameraFile, check_size
 from uwgraph.sun.ephemeris import sun_azimuth_elevation
+from uwgraph.sun.gradient import GradientEstimate
 from uwgraph.sun.images import Counts
-from uwgraph.sun.light import GradientEstimate
 from uwgraph.sun.mosaic import from_mosaic, layout
 from uwgraph.sun.polarization import PolarizationEstimate
 from uwgraph.sun.scattering_fit import ScatteringFit, fit_sun
@@ -88,9 +88,9 @@ def estimate_sun(
 def _gradient(images: Sequence[Counts], file: CameraFile, view: View) -> GradientEstimate:
     """A mean of T images, or of a mosaic's cell, is one image of a sensor with more electrons per count."""
     if file.mosaic is not None:
-        return light.estimate(_mean_of_cells(images), view.binned(2), _summed(images, file, 4 * len(images)))
+        return gradient.estimate(_mean_of_cells(images), view.binned(2), _summed(images, file, 4 * len(images)))
     mean = images[0] if len(images) == 1 else np.mean([_gray(image) for image in images], axis=0)
-    return light.estimate(mean, view, _summed(images, file, len(images)))
+    return gradient.estimate(mean, view, _summed(images, file, len(images)))
 
 
 def _mean_of_cells(images: Sequence[Counts]) -> FloatArray:

@@ -1,137 +1,252 @@
-"""From an image to the logarithm of the sky's radiance and its gradient on the sphere of directions.
+"""The sun from the gradient of the light: one image in, one observation out.
 
-The light of the sky grows towards the sun, so its gradient lies in the plane of the view and the sun: the normal of
-view and gradient is orthogonal to the sun (Chinese patent application "autonomous orientation by underwater light
-intensity gradients"). The logarithm turns every factor of the light's way into a term: those that depend on the zenith
-angle alone (Fresnel, path, vignetting of a level lens) can then be told from the sun's.
+The plain form holds for a sky whose light depends on the angle from the sun alone, the ring form for one that depends
+on the zenith angle too. Which is used is decided by the spectrum of the plain one and by its agreement with the other.
+Either gives the start for the additive fit, its own integral, which needs no derivative.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uwgraph.sun.gradient_mask import clear_sky, dilated, smoothed
+from uwgraph.errors import DataError
+from uwgraph.sun.gradient_additive import AdditiveResult, Sky, additive_sun, jackknife, moved, refit
+from uwgraph.sun.gradient_field import GradientField, SkyLight, gradient_field, sky_light
+from uwgraph.sun.gradient_plain import PlainResult, plain_sun
+from uwgraph.sun.gradient_ring import RingResult, ring_sun
+from uwgraph.sun.information import FLOOR, rank2
+from uwgraph.sun.observation import GOOD, SunFlag, SunObservation, azimuth_in_level, level_axes
 from uwgraph.sun.sensor import Sensor
-from uwgraph.sun.surface import in_window, radiance_factor, refract_jacobian, to_air
 from uwgraph.sun.view import View
-from uwgraph.types import BoolArray, FloatArray
+from uwgraph.types import FloatArray
 
-MAX_ZENITH = np.radians(76.0)
-"""Sky farther from the zenith is not used: refraction and haze are steep there."""
+Form = Literal["plain", "ring"]
+LEAST_CELLS = 150
+"""Fewer binned pixels of clear sky say nothing about a sun."""
+TILT_STEP = np.radians(0.5)
+SECTORS = 6
+
+
+@dataclass(frozen=True)
+class GradientSettings:
+    """How an image is reduced, and when its sun must not be used; angles in rad."""
+
+    cells: int = 4096
+    """The image is binned to about this many pixels."""
+    blur: float = 1.2
+    """Standard deviation of the Gaussian before differentiation, binned pixels."""
+    optical_depth: float = 0.0
+    """Attenuation k times depth z of the water above, for the plain form; the ring form finds it."""
+    blocks: int = 12
+    """Along the longer side; pixels of a block err together."""
+    plain_quality: float = 1e-3
+    """The plain form is used where its smallest eigenvalue is at most this of the second: 0.5 on a CIE clear sky."""
+    plain_apart: float = np.radians(1.0)
+    """And where the ring form is no farther from it."""
+    waves: float = 1.5
+    """Factor on the covariance under water: neighbouring blocks see the same waves."""
+    wave_sigma: float = np.radians(0.3)
+    """By how much waves longer than the view move the sun, 1-sigma: for 3 m/s of wind; 1.5 degrees at 6 m/s."""
+    water_zenith: float = np.radians(3.5)
+    """1-sigma of the height under water, where scattering shifts the light: towards the zenith with depth."""
+    near_zenith: float = np.radians(8.0)
+    """Least zenith angle of the sun."""
+    coverage: float = 0.35
+    """Least share of the azimuth circle that must show clear sky."""
+    overexposed: float = 0.5
+    """Most share of the sky in view that may be overexposed."""
+    contrast: float = 0.06
+    """Least standard deviation of ln L that the sun must account for beyond the zenith angle."""
+    explained: float = 0.985
+    """Least share of the light's variance beyond the zenith angle that the sun must account for."""
+    agreeing: float = 0.75
+    """Least mean robust weight of the pixels that the masks left."""
+    rivalry: float = 1.25
+    """Least objective of the second best direction over that of the best."""
+    zenith: float = np.radians(8.0)
+    """Most difference between the zenith angles found and known, beyond three sigmas."""
+    azimuth_sigma: float = np.radians(1.5)
+    """Most 1-sigma of the azimuth."""
 
 
 @dataclass(frozen=True, eq=False)
-class SkyLight:
-    """The logarithm of the radiance above the surface, in binned pixels of one image."""
+class GradientEstimate:
+    """The observation, and all that led to it (None where it did not come so far)."""
 
-    view: View
-    """Of the binned pixels."""
-    log_l: FloatArray
-    """ln of the radiance up to a constant, shape (H, W); NaN beyond the sky in view."""
-    variance: FloatArray
-    """Its variance from the sensor's noise, shape (H, W)."""
-    sky: BoolArray
-    """Pixels in the window and nearer to the zenith than ``MAX_ZENITH``, shape (H, W)."""
-    good: BoolArray
-    """Those of clear sky: not overexposed, no disc, glint or occluder, shape (H, W)."""
-    noise_share: FloatArray
-    """Noise over light in one pixel of the sensor, shape (H, W)."""
-    overexposed: float
-    """Share of the sky in view that is overexposed."""
-
-    def directions(self, pixels: BoolArray, up_b: FloatArray) -> FloatArray:
-        """Sky directions in b of the chosen pixels, row by row, shape (N, 3), were ``up_b`` the vertical."""
-        w = self.view.body_rays()[0][pixels.ravel()]
-        return to_air(w, up_b, self.view.n) if self.view.in_water else w
+    observation: SunObservation
+    light: SkyLight
+    form: Form | None = None
+    field: GradientField | None = None
+    plain: PlainResult | None = None
+    ring: RingResult | None = None
+    fit: AdditiveResult | None = None
 
 
-def sky_light(image: NDArray[Any], view: View, sensor: Sensor, factor: int, optical_depth: float = 0.0) -> SkyLight:
-    """Bin the image (H, W) by ``factor``, mask it, and undo surface and path (``optical_depth`` straight up)."""
-    counts, clipped = _binned(image, sensor, factor)
-    view = view.binned(factor)
-    light = np.maximum(counts - sensor.black, 0.1 / sensor.gain)
-    w, _ = view.body_rays()
-    sky = np.nan_to_num(w @ view.up_b, nan=-1.0) > 1e-3
-    sky[sky] = in_window(w[sky], view.up_b, view.n, MAX_ZENITH)
-    cos_air, path = _heights(w[sky], view)
-    sky = sky.reshape(counts.shape)
-    log_l = np.full(sky.shape, np.nan)
-    log_l[sky] = np.log(light[sky]) + optical_depth * path
+def estimate(
+    image: NDArray[Any], view: View, sensor: Sensor | None = None, settings: GradientSettings | None = None
+) -> GradientEstimate:
+    """Find the sun in one image of the sky, (H, W), linear in the light, or (H, W, 3) of which green is used.
+
+    Green has most of a colour sensor's pixels, and is less overexposed about the sun than blue. A mean of T images is
+    one image with a sensor of T times the gain. A power law in place of linearity (gamma) does not move the sun, only
+    the noise.
+
+    Raises
+    ------
+    DataError
+        When the image is not of the camera's size.
+    """
+    settings = settings or GradientSettings()
+    gray = image[:, :, 1] if image.ndim == 3 else image
+    if gray.shape[::-1] != view.camera.size:
+        raise DataError(
+            f"has {gray.shape[1]} x {gray.shape[0]} pixels, the camera {view.camera.size[0]} x {view.camera.size[1]}",
+            where="image",
+            remedy="give the calibration of this camera at this resolution",
+        )
+    sensor = sensor or Sensor.of(gray)
+    factor = max(1, round(float(np.sqrt(gray.size / settings.cells))))
+    light = sky_light(gray, view, sensor, factor, settings.optical_depth)
+    flags = _light_flags(light, view, settings)
+    if flags:
+        return GradientEstimate(_nothing(view, flags), light)
+    field = gradient_field(light, settings.blur)
+    if len(field.a) < LEAST_CELLS:
+        return GradientEstimate(_nothing(view, SunFlag.SMALL_WINDOW), light)
+    plain = plain_sun(field, view.up_b)
+    ring = ring_sun(field, view.up_b, view.sun_zenith)
+    form: Form = "plain" if _plain_holds(plain, ring, settings) else "ring"
+    start = plain.s if form == "plain" else ring.s
+    sky = _sky(light, view.up_b, settings.blocks)
+    free = additive_sun(sky, start, rings=form == "ring")
+    fit, cov = free, free.cov
+    if view.sun_zenith is not None:
+        start = moved(start, view.up_b, np.array([view.sun_zenith - _zenith(start, view.up_b), 0.0]))
+        fit = additive_sun(sky, start, rings=form == "ring", free_zenith=False)
+        # the height that was imposed is no news: its variance stays what the image alone would give
+        cov = np.diag([free.cov[0, 0], fit.cov[1, 1]])
     if view.in_water:
-        log_l[sky] -= np.log(radiance_factor(cos_air, view.n))
-    overexposed = sky & clipped
-    zenith = np.zeros(sky.shape)
-    zenith[sky] = np.arccos(np.minimum(cos_air, 1.0))
-    noise_share = np.sqrt(sensor.variance(counts)) / light
-    return SkyLight(
-        view=view,
-        log_l=log_l,
-        variance=(noise_share / factor) ** 2,
-        noise_share=noise_share,
-        sky=sky,
-        good=clear_sky(log_l, zenith, sky, overexposed | (sky & (noise_share > 1.0))),
-        overexposed=float(overexposed.sum() / max(sky.sum(), 1)),
+        cov = settings.waves * cov + np.diag([settings.water_zenith, settings.wave_sigma]) ** 2
+    cov = cov + FLOOR**2 * np.eye(2)
+    cov += _sector_covariance(sky, fit, view, form)
+    cov += _tilt_covariance(sky, light, fit, view, form)
+    flags = _flags(free, fit, ring, form, cov, sky, view, settings)
+    observation = _observation(fit, ring, cov, flags, light, view)
+    return GradientEstimate(observation, light, form, field, plain, ring, fit)
+
+
+def _plain_holds(plain: PlainResult, ring: RingResult, settings: GradientSettings) -> bool:
+    near = bool(plain.s @ ring.s > np.cos(settings.plain_apart))
+    return plain.signs_agree and near and plain.quality < settings.plain_quality
+
+
+def _light_flags(light: SkyLight, view: View, settings: GradientSettings) -> SunFlag:
+    """What can be said before any sun is looked for."""
+    flags = GOOD
+    if view.sun_zenith is not None and view.sun_zenith > np.pi / 2.0:
+        flags |= SunFlag.NIGHT
+    if light.sky.sum() < LEAST_CELLS:
+        return flags | SunFlag.SMALL_WINDOW
+    if light.overexposed > settings.overexposed:
+        flags |= SunFlag.SATURATED
+    elif np.quantile(light.noise_share[light.sky], 0.1) > 1.0:
+        flags |= SunFlag.DARK
+    elif light.good.sum() < LEAST_CELLS:
+        flags |= SunFlag.SMALL_WINDOW
+    return flags
+
+
+def _flags(
+    free: AdditiveResult,
+    fit: AdditiveResult,
+    ring: RingResult,
+    form: Form,
+    cov: FloatArray,
+    sky: Sky,
+    view: View,
+    settings: GradientSettings,
+) -> SunFlag:
+    """Every doubt about the sun that was found."""
+    zenith = _zenith(fit.s, view.up_b)
+    known = zenith if view.sun_zenith is None else view.sun_zenith
+    sectors = np.histogram(azimuth_in_level(sky.a, view.up_b), bins=36, range=(-np.pi, np.pi))[0]
+    doubts = {
+        SunFlag.SMALL_WINDOW: float((sectors > 0).mean()) < settings.coverage,
+        SunFlag.NEAR_ZENITH: zenith < settings.near_zenith,
+        SunFlag.UNIFORM: fit.contrast < settings.contrast,
+        SunFlag.MISFIT: fit.explained < settings.explained or fit.weight.mean() < settings.agreeing,
+        SunFlag.AMBIGUOUS: ring.contrast < settings.rivalry,
+        SunFlag.SIGN: not (fit.grows and (ring.grows or form == "plain")),
+        SunFlag.ZENITH_DISAGREES: abs(_zenith(free.s, view.up_b) - known) > settings.zenith + 3.0 * np.sqrt(cov[0, 0]),
+        SunFlag.UNCERTAIN: not fit.converged or not np.sqrt(cov[1, 1]) < settings.azimuth_sigma * np.sin(zenith),
+    }
+    flags = GOOD
+    for flag, raised in doubts.items():
+        flags = flags | flag if raised else flags
+    return flags
+
+
+def _sector_covariance(sky: Sky, fit: AdditiveResult, view: View, form: Form) -> FloatArray:
+    """How far the sun moves as one sector of the sky after the other is left out."""
+    sector = np.floor(azimuth_in_level(sky.a, view.up_b) / (2.0 * np.pi) * SECTORS).astype(np.intp)
+    return jackknife(sky, fit, sector, rings=form == "ring", free_zenith=view.sun_zenith is None)
+
+
+def _tilt_covariance(sky: Sky, light: SkyLight, fit: AdditiveResult, view: View, form: Form) -> FloatArray:
+    """What a wrong vertical does to the sun along ``fit.E``: rays are bent, and rings laid, about it."""
+    cov = np.zeros((2, 2))
+    if view.tilt_sigma == 0.0:
+        return cov
+    known = view.sun_zenith is not None
+    reference = refit(sky, fit, rings=form == "ring", free_zenith=not known)
+    for axis in level_axes(view.up_b)[:2]:
+        up = view.up_b + TILT_STEP * axis
+        up /= np.linalg.norm(up)
+        tilted = replace(sky, a=light.directions(light.good, up), up=up)
+        s = fit.s
+        if view.sun_zenith is not None:
+            s = moved(s, up, np.array([view.sun_zenith - _zenith(s, up), 0.0]))
+        moved_s = refit(tilted, replace(fit, s=s), rings=form == "ring", free_zenith=not known)
+        d = fit.E.T @ (moved_s - reference) * (view.tilt_sigma / TILT_STEP)
+        cov += np.outer(d, d)
+    return cov
+
+
+def _sky(light: SkyLight, up_b: FloatArray, blocks: int) -> Sky:
+    rows, columns = np.nonzero(light.good)
+    size = -(-max(light.good.shape) // blocks)
+    number = np.unique((rows // size) * blocks + columns // size, return_inverse=True)[1]
+    good = light.good
+    axis = light.view.camera.R_bs[:, 2]
+    w = light.view.body_rays()[0][good.ravel()]
+    off_axis2 = 1.0 - w @ axis
+    return Sky(
+        light.directions(good, up_b),
+        light.log_l[good],
+        light.variance[good],
+        number.astype(np.intp),
+        up_b,
+        off_axis2 / max(float(off_axis2.max()), 1e-9),
     )
 
 
-def _binned(image: NDArray[Any], sensor: Sensor, factor: int) -> tuple[FloatArray, BoolArray]:
-    """Counts at the middle of ``factor`` x ``factor`` pixels, and where any of them is overexposed or no number."""
-    height, width = (extent // factor for extent in image.shape)
-    image = image[: height * factor, : width * factor]
-    size = (width, height)
-    counts = cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    clipped = cv2.resize(sensor.saturated(image).view(np.uint8) * np.uint8(255), size, interpolation=cv2.INTER_AREA)
-    lost = ~np.isfinite(counts)
-    counts = np.where(lost, sensor.black, counts).astype(np.float64)
-    if factor > 1:  # the mean over a curved patch is not the value at its middle
-        counts = np.maximum(counts - cv2.Laplacian(counts, cv2.CV_64F, borderType=cv2.BORDER_REPLICATE) / 24.0, 0.0)
-    return np.asarray(counts, dtype=np.float64), np.asarray((clipped > 0) | lost)
+def _observation(
+    fit: AdditiveResult, ring: RingResult, cov: FloatArray, flags: SunFlag, light: SkyLight, view: View
+) -> SunObservation:
+    information, cov_b = rank2(fit.E, cov)
+    other = ring.other if SunFlag.AMBIGUOUS in flags else None
+    quality = fit.explained * float(light.good.sum() / light.sky.sum())
+    return SunObservation(view.t_ns, fit.s, information, cov_b, "gradient", quality, flags, view.up_b, other)
 
 
-def _heights(w: FloatArray, view: View) -> tuple[FloatArray, FloatArray]:
-    """Cosine of the zenith angle in air, and slant path over height in the water, of body rays (N, 3)."""
-    cos_w = w @ view.up_b
-    return np.sqrt(1.0 - view.n**2 * (1.0 - cos_w**2)), 1.0 / cos_w
+def _nothing(view: View, flags: SunFlag) -> SunObservation:
+    lost = np.full(3, np.nan)
+    return SunObservation(view.t_ns, lost, np.zeros((3, 3)), np.full((3, 3), np.nan), "gradient", 0.0, flags, view.up_b)
 
 
-@dataclass(frozen=True, eq=False)
-class GradientField:
-    """Gradients of the logarithm of the radiance on the sphere, at chosen pixels."""
-
-    a: FloatArray
-    """Directions in the sky, in b, shape (N, 3)."""
-    g: FloatArray
-    """Tangent gradients, 1/rad, shape (N, 3)."""
-    m: FloatArray
-    """Normals a x g of the planes that hold view, gradient and sun, shape (N, 3)."""
-    noise: FloatArray
-    """Covariance of ``m`` from the sensor's noise, shape (N, 3, 3)."""
-    pixels: BoolArray
-    """Which pixels of the binned image these are, shape (H, W)."""
-
-
-def gradient_field(light: SkyLight, blur: float) -> GradientField:
-    """Smooth with a Gaussian of ``blur`` pixels, differentiate, and lift to the sphere.
-
-    The tangent gradient is the only tangent vector g with A^T g = grad_uv, A the derivative of the direction by the
-    pixel: g = A (A^T A)^-1 grad_uv.
-    """
-    smooth, share = smoothed(light.log_l, light.good, blur)
-    du = cv2.Sobel(smooth, cv2.CV_64F, 1, 0, ksize=3, scale=1.0 / 8.0)
-    dv = cv2.Sobel(smooth, cv2.CV_64F, 0, 1, ksize=3, scale=1.0 / 8.0)
-    pixels = light.good & (share > 0.8)
-    pixels &= ~dilated(~pixels, 1.0)
-    a = light.directions(pixels, light.view.up_b)
-    w, J = (x[pixels.ravel()] for x in light.view.body_rays())
-    A = refract_jacobian(w, light.view.up_b, 1.0 / light.view.n) @ J if light.view.in_water else J
-    lift = A @ np.linalg.inv(np.swapaxes(A, 1, 2) @ A)
-    g = np.einsum("nij,nj->ni", lift, np.stack([du[pixels], dv[pixels]], axis=1))
-    across = np.cross(a[:, None, :], np.swapaxes(lift, 1, 2))
-    sigma2 = light.variance[pixels] / (8.0 * np.pi * blur**4)  # of the derivative of a Gaussian mean of white noise
-    noise = sigma2[:, None, None] * np.einsum("npi,npj->nij", across, across)
-    return GradientField(a, g, np.cross(a, g), noise, pixels)
+def _zenith(s: FloatArray, up_b: FloatArray) -> float:
+    return float(np.arccos(np.clip(s @ up_b, -1.0, 1.0)))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwgraph.sun.gradient import GradientField
+from uwgraph.sun.gradient_field import GradientField
 from uwgraph.sun.information import Spectrum
 from uwgraph.types import FloatArray
 

@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from uwgraph.sun.gradient import MAX_ZENITH, GradientField
+from uwgraph.sun.gradient_field import MAX_ZENITH, GradientField
 from uwgraph.sun.observation import level_axes
 from uwgraph.types import FloatArray
 
