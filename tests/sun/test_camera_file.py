@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from uwgraph.errors import ConfigError, DataError, UwgraphError
-from uwgraph.sun.camera import UP_FORWARD, Camera
-from uwgraph.sun.camera_file import CameraFile, check_size, read_camera, write_camera
+from uwgraph.sun.camera import UP_FORWARD, Camera, check_size
+from uwgraph.sun.camera_file import CameraFile, read_camera, write_camera
 from uwgraph.sun.sensor import Sensor
 
 OURS = {"model": "fisheye", "f": [820.5, 819.8], "c": [1223.2, 1022.9], "size": [2448, 2048]}

@@ -103,12 +103,7 @@ def estimate(
     when = _when(utc, lat, lon)
     view = _view(file, medium, n, when, roll_deg, pitch_deg, tilt_sigma_deg)
     result = figures(_estimate(images, file, view, method, yaw_deg), when, view.tilt_sigma)
-    if as_json:
-        print_json(result)
-    else:
-        print_table("sun", (), [(name, _text(value)) for name, value in result.items()])
-    if result["flags"]:
-        note(f"not to be used: {', '.join(result['flags'])}")
+    _tell("sun", result, as_json)
 
 
 SHOW_EXAMPLES = (
@@ -254,12 +249,7 @@ def locate(
         "of": len(suns),
         "flags": list(fix.flags.names()),
     }
-    if as_json:
-        print_json(_finite(result))
-    else:
-        print_table("place", (), [(name, _text(value)) for name, value in result.items()])
-    if result["flags"]:
-        note(f"not to be used: {', '.join(fix.flags.names())}")
+    _tell("place", result, as_json)
 
 
 def figures(found: Estimate, when: When, tilt_sigma: float) -> dict[str, Any]:
@@ -372,6 +362,16 @@ def _numbers(text: str, where: str) -> tuple[float, ...]:
     if not all(map(math.isfinite, numbers)):
         raise ConfigError(f"{text!r} is no list of numbers", where=where, remedy="write 0,45,90,135")
     return numbers
+
+
+def _tell(title: str, result: dict[str, Any], as_json: bool) -> None:
+    """A result for programs or for people, and whether it may be used."""
+    if as_json:
+        print_json(_finite(result))
+    else:
+        print_table(title, (), [(name, _text(value)) for name, value in result.items()])
+    if result["flags"]:
+        note(f"not to be used: {', '.join(result['flags'])}")
 
 
 def _finite(value: Any) -> Any:

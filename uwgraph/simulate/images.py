@@ -21,9 +21,9 @@ from uwgraph.simulate.noise import Noise
 from uwgraph.simulate.render import Shot, render
 from uwgraph.simulate.replay import ReferenceMotion
 from uwgraph.simulate.scene import Scene
-from uwgraph.sun import sun_azimuth_elevation
 from uwgraph.sun.camera import Camera
 from uwgraph.sun.camera_file import CameraFile, write_camera
+from uwgraph.sun.ephemeris import sun_axes, sun_azimuth_elevation
 from uwgraph.sun.sensor import Sensor
 from uwgraph.time import from_seconds, isoformat
 from uwgraph.types import FloatArray, Images
@@ -141,8 +141,7 @@ def _shots(motion: ReferenceMotion, camera: Camera, model: ImageModel) -> tuple[
             remedy="give the depth at which the images are to be taken",
         )
     R_lb = np.swapaxes(R_n_local(motion.origin, lat, lon), -1, -2) @ R_nb
-    level = np.cos(elevation)
-    s_l = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), -np.sin(elevation)], axis=-1)
+    s_l = sun_axes(azimuth, elevation)[0]
     taken = np.flatnonzero(by_day & under_water)
     return t[taken], [Shot(camera, R_lb[i], s_l[i], float(depth[i]), p_n[i, :2], float(t[i])) for i in taken]
 

@@ -16,7 +16,7 @@ from uwgraph.errors import DataError
 from uwgraph.frames import R_n_local, geodetic_from_ned, rph_from_matrix, wrap_pi
 from uwgraph.simulate.noise import Noise
 from uwgraph.simulate.trajectory import Motion
-from uwgraph.sun import sun_azimuth_elevation
+from uwgraph.sun.ephemeris import sun_axes, sun_azimuth_elevation
 from uwgraph.time import from_seconds, isoformat
 from uwgraph.types import BoolArray, Depth, Dvl, Fixes, FloatArray, Heading, Sun
 
@@ -170,7 +170,7 @@ def measure_sun(motion: Motion, model: SunModel, noise: Noise) -> Sun:
     sigma = np.radians([model.azimuth_sigma_deg, model.elevation_sigma_deg])
     tilted = elevation + noise.normal(sigma[1], (len(t),))
     turned = azimuth + noise.normal(sigma[0], (len(t),)) * np.cos(elevation) / np.cos(tilted)
-    s_l, across_l, upward_l = _sun_axes(turned, tilted)
+    s_l, across_l, upward_l = sun_axes(turned, tilted)
     R_bl = np.swapaxes(_R_lb(motion, t), -1, -2)
     s_b, across, upward = (np.einsum("nij,nj->ni", R_bl, axis) for axis in (s_l, across_l, upward_l))
     var_across, var_upward = (sigma[0] * np.cos(elevation)) ** 2, np.full(len(t), sigma[1] ** 2)
@@ -184,16 +184,6 @@ def measure_sun(motion: Motion, model: SunModel, noise: Noise) -> Sun:
         method=np.full(len(t), "simulated"),
         quality=np.ones(len(t)),
         flags=np.zeros(len(t), dtype=np.int64),
-    )
-
-
-def _sun_axes(azimuth: FloatArray, elevation: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Local NED unit vectors to the sun, across it (growing azimuth) and upward (growing elevation)."""
-    sa, ca, se, ce = np.sin(azimuth), np.cos(azimuth), np.sin(elevation), np.cos(elevation)
-    return (
-        np.stack([ce * ca, ce * sa, -se], axis=-1),
-        np.stack([-sa, ca, np.zeros_like(sa)], axis=-1),
-        np.stack([-se * ca, -se * sa, -ce], axis=-1),
     )
 
 

@@ -9,12 +9,13 @@ fisheye is inverted here, since OpenCV's own inverse passes through tan(theta) a
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from uwgraph.errors import DataError
 from uwgraph.sun.surface import refract, refract_jacobian
 from uwgraph.types import FloatArray
 
@@ -140,6 +141,17 @@ class Camera:
         J = np.stack([radial * cos_a[:, None] - around * sin_a[:, None],
                       radial * sin_a[:, None] + around * cos_a[:, None]], axis=2)  # fmt: skip
         return r, J / np.array(self.f)
+
+
+def check_size(camera: Camera, image: NDArray[Any], where: str = "image") -> None:
+    """Raise :class:`DataError` when an image (height, width, ...) is not of the camera file's size."""
+    height, width = image.shape[:2]
+    if (width, height) != tuple(camera.size):
+        raise DataError(
+            f"is {width} x {height} pixels, but the camera file is of {camera.size[0]} x {camera.size[1]}",
+            where=where,
+            remedy="give the camera file of this camera, at this resolution",
+        )
 
 
 def _kannala_brandt(theta: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -25,11 +25,10 @@ from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from uwgraph.dive.yamlfile import parse_settings, parse_yaml, read_text
-from uwgraph.errors import ConfigError, DataError
+from uwgraph.errors import ConfigError
 from uwgraph.sun.camera import UP_FORWARD, Analyser, Camera, Model, Port
 from uwgraph.sun.camera_formats import (
     is_kalibr,
@@ -196,17 +195,6 @@ def write_camera(path: Path, file: CameraFile) -> None:
             "read_noise": float(sensor.read_noise),
         }
     path.write_text(yaml.safe_dump(values, sort_keys=False, default_flow_style=None), encoding="utf-8")
-
-
-def check_size(camera: Camera, image: NDArray[Any], where: str = "image") -> None:
-    """Raise :class:`DataError` when an image (height, width, ...) is not of the camera file's size."""
-    height, width = image.shape[:2]
-    if (width, height) != tuple(camera.size):
-        raise DataError(
-            f"is {width} x {height} pixels, but the camera file is of {camera.size[0]} x {camera.size[1]}",
-            where=where,
-            remedy="give the camera file of this camera, at this resolution",
-        )
 
 
 def _nearest_rotation(R: FloatArray) -> FloatArray:

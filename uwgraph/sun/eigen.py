@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uwgraph.sun.information import Spectrum, block_sandwich
-from uwgraph.sun.observation import level_axes
+from uwgraph.sun.observation import level_axes, zenith_angle
 from uwgraph.sun.vote import Vote, vote
 from uwgraph.types import BoolArray, FloatArray
 
@@ -105,20 +105,12 @@ class Fit:
         """The support that e-vectors of random angle would give: the mean of the weight over all angles, c / 2."""
         return float(np.average(np.sqrt(self.scale2) / 2.0, weights=1.0 / self.variance))
 
-    def chi2(self, sigma: FloatArray) -> float:
-        """Mean square of the trusted residuals over the stated noise ``sigma`` (N,): 1 for the noise alone."""
-        return float(np.average((self.residual / sigma) ** 2, weights=self.trust + 1e-12))
-
 
 @dataclass(frozen=True, eq=False)
 class Solution:
     """The sun's direction from e-vectors, with what competes with it."""
 
     fit: Fit
-    cov: FloatArray
-    """Covariance of the direction along ``fit.E``, shape (2, 2), rad^2; infinite where nothing fixes it."""
-    chi2: float
-    """Mean square of the trusted residuals over the stated noise."""
     vote: Vote | None
     """Of some thousand e-vectors; None where the sun's zenith angle was not given."""
     rival_b: FloatArray | None
@@ -157,8 +149,6 @@ def solve(sky: Evectors, up_b: FloatArray, sun_zenith: float | None = None, robu
         fit = refine(sky, fit.s_b, up_b, robust, fit.excess)
     return Solution(
         fit=fit,
-        cov=covariance(sky, fit),
-        chi2=fit.chi2(sky.sigma),
         vote=ballot,
         rival_b=fits[rest[0]].s_b if rest else None,
         rivalry=standing[rest[0]] / standing[first] if rest else 0.0,
@@ -204,7 +194,9 @@ def refine(
 def covariance(
     sky: Evectors, fit: Fit, nuisance: FloatArray | None = None, prior_sigma: FloatArray | None = None
 ) -> FloatArray:
-    """Covariance (2, 2) [rad^2] of the direction along ``fit.E``, with K further unknowns estimated beside it.
+    """Covariance (2, 2) [rad^2] of the direction along ``fit.E``, infinite where nothing fixes it.
+
+    K further unknowns are estimated beside it.
 
     Parameters
     ----------
@@ -294,7 +286,7 @@ def _above_chance(fit: Fit) -> float:
 def _at_height(fit: Fit, up_b: FloatArray, sun_zenith: float | None, robust: Robust) -> bool:
     if sun_zenith is None:
         return True
-    return bool(abs(np.arccos(np.clip(fit.s_b @ up_b, -1.0, 1.0)) - sun_zenith) < robust.zenith_tolerance)
+    return abs(zenith_angle(fit.s_b, up_b) - sun_zenith) < robust.zenith_tolerance
 
 
 def _distinct(fits: list[Fit], robust: Robust) -> list[Fit]:

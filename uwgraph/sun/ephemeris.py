@@ -49,6 +49,16 @@ def sun_azimuth_elevation(
     return np.radians(azimuth), np.radians(apparent if refraction else geometric)
 
 
+def sun_axes(azimuth: ArrayLike, elevation: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Local NED unit vectors (..., 3) to the sun, across it (growing azimuth) and upward (growing elevation)."""
+    sa, ca, se, ce = np.sin(azimuth), np.cos(azimuth), np.sin(elevation), np.cos(elevation)
+    return (
+        np.stack([ce * ca, ce * sa, -se], axis=-1),
+        np.stack([-sa, ca, np.zeros_like(sa)], axis=-1),
+        np.stack([-se * ca, -se * sa, -ce], axis=-1),
+    )
+
+
 def sun_direction_n(
     origin: Origin, t_ns: ArrayLike, lat: ArrayLike, lon: ArrayLike, *, refraction: bool = True
 ) -> FloatArray:
@@ -57,9 +67,7 @@ def sun_direction_n(
     The vector points up (negative third component at the place itself) while the sun is above the horizon.
     """
     azimuth, elevation = sun_azimuth_elevation(t_ns, lat, lon, refraction=refraction)
-    local = np.stack(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), -np.sin(elevation)], axis=-1
-    )
+    local = sun_axes(azimuth, elevation)[0]
     R = np.broadcast_to(R_n_local(origin, lat, lon), (len(local), 3, 3))
     s_n: FloatArray = np.einsum("nij,nj->ni", R, local)
     return s_n

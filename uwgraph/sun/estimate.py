@@ -10,7 +10,8 @@ import numpy as np
 
 from uwgraph.errors import ConfigError, DataError
 from uwgraph.sun import gradient, polarization
-from uwgraph.sun.camera_file import CameraFile, check_size
+from uwgraph.sun.camera import check_size
+from uwgraph.sun.camera_file import CameraFile
 from uwgraph.sun.ephemeris import sun_azimuth_elevation
 from uwgraph.sun.gradient import GradientEstimate
 from uwgraph.sun.images import Counts
@@ -18,7 +19,7 @@ from uwgraph.sun.mosaic import from_mosaic, layout
 from uwgraph.sun.polarization import PolarizationEstimate
 from uwgraph.sun.scattering_fit import ScatteringFit, fit_sun
 from uwgraph.sun.sensor import Sensor
-from uwgraph.sun.stokes import StokesImage, from_channels
+from uwgraph.sun.stokes import StokesImage, binned, from_channels
 from uwgraph.sun.sweep import joined
 from uwgraph.sun.sweep_image import sweep_of_image
 from uwgraph.sun.view import View
@@ -88,15 +89,10 @@ def estimate_sun(
 def _gradient(images: Sequence[Counts], file: CameraFile, view: View) -> GradientEstimate:
     """A mean of T images, or of a mosaic's cell, is one image of a sensor with more electrons per count."""
     if file.mosaic is not None:
-        return gradient.estimate(_mean_of_cells(images), view.binned(2), _summed(images, file, 4 * len(images)))
+        mean = np.mean([_gray(image) for image in images], axis=0)
+        return gradient.estimate(binned(mean, 2), view.binned(2), _summed(images, file, 4 * len(images)))
     mean = images[0] if len(images) == 1 else np.mean([_gray(image) for image in images], axis=0)
     return gradient.estimate(mean, view, _summed(images, file, len(images)))
-
-
-def _mean_of_cells(images: Sequence[Counts]) -> FloatArray:
-    height, width = (extent // 2 for extent in images[0].shape[:2])
-    mean = np.mean([_gray(image)[: 2 * height, : 2 * width] for image in images], axis=0)
-    return np.asarray(mean.reshape(height, 2, width, 2).mean(axis=(1, 3)))
 
 
 def _gray(image: Counts) -> Counts:

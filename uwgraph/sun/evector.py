@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from uwgraph.sun.camera import Analyser, Camera
 from uwgraph.sun.eigen import Evectors
 from uwgraph.sun.stokes import StokesImage
-from uwgraph.sun.surface import fresnel_amplitudes, to_air
+from uwgraph.sun.surface import to_air, transmission_elements
 from uwgraph.sun.view import View
 from uwgraph.types import FloatArray
 
@@ -141,7 +141,7 @@ def light_of(image: StokesImage, view: View, use: IndexArray, block: IndexArray,
     theta = lines.theta[use]
     Q, U, sigma = _about_radial(view.camera.analyser, lines.alpha[use], theta, Q, U, sigma)
     if view.camera.port == "flat" and view.in_water:
-        A, B, C = _fresnel(np.cos(theta), view.n)
+        A, B, C = transmission_elements(np.cos(theta), view.n)
         I, Q, U, sigma = A * I + B * Q, A * Q + B * I, C * U, C * sigma  # noqa: E741  (s is the tangential axis)
     return Light(view.body_rays()[0][use], lines.radial_b[use], I, Q, U, sigma, block)
 
@@ -159,7 +159,7 @@ def skylight(light: Light, up_b: FloatArray, n: float) -> Skylight:
     turned = Light(light.w_b, s_axis, light.I, Q, U, light.sigma, light.block)
     a_b = to_air(light.w_b, up_b, n) if n > 1.0 else light.w_b
     cos_zenith = a_b @ up_b
-    A, B, C = _fresnel(cos_zenith, n)
+    A, B, C = transmission_elements(cos_zenith, n)
     return Skylight(a_b, s_axis, np.cross(a_b, s_axis), 1.0 - cos_zenith**2, turned, A, B, C)
 
 
@@ -199,8 +199,3 @@ def _about_radial(
         turn = 2.0 * np.arctan2(-np.sin(alpha), np.cos(theta) * np.cos(alpha))
     cos, sin = np.cos(turn), np.sin(turn)
     return Q * cos - U * sin, Q * sin + U * cos, sigma
-
-
-def _fresnel(cos_air: FloatArray, n: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    t_s, t_p = fresnel_amplitudes(cos_air, n)
-    return (t_s**2 + t_p**2) / 2.0, (t_s**2 - t_p**2) / 2.0, t_s * t_p

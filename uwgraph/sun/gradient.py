@@ -13,13 +13,22 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from uwgraph.errors import DataError
+from uwgraph.sun.camera import check_size
 from uwgraph.sun.gradient_additive import AdditiveResult, Sky, additive_sun, jackknife, moved, refit
 from uwgraph.sun.gradient_field import GradientField, SkyLight, gradient_field, sky_light
 from uwgraph.sun.gradient_plain import PlainResult, plain_sun
 from uwgraph.sun.gradient_ring import RingResult, ring_sun
-from uwgraph.sun.information import FLOOR, rank2
-from uwgraph.sun.observation import GOOD, SunFlag, SunObservation, azimuth_in_level, level_axes
+from uwgraph.sun.information import FLOOR, block_numbers, rank2
+from uwgraph.sun.observation import (
+    GOOD,
+    SunFlag,
+    SunObservation,
+    azimuth_in_level,
+    level_axes,
+    no_sun,
+    tilted,
+    zenith_angle,
+)
 from uwgraph.sun.sensor import Sensor
 from uwgraph.sun.view import View
 from uwgraph.types import FloatArray
@@ -102,21 +111,16 @@ def estimate(
     """
     settings = settings or GradientSettings()
     gray = image[:, :, 1] if image.ndim == 3 else image
-    if gray.shape[::-1] != view.camera.size:
-        raise DataError(
-            f"has {gray.shape[1]} x {gray.shape[0]} pixels, the camera {view.camera.size[0]} x {view.camera.size[1]}",
-            where="image",
-            remedy="give the calibration of this camera at this resolution",
-        )
+    check_size(view.camera, gray)
     sensor = sensor or Sensor.of(gray)
     factor = max(1, round(float(np.sqrt(gray.size / settings.cells))))
     light = sky_light(gray, view, sensor, factor, settings.optical_depth)
     flags = _light_flags(light, view, settings)
     if flags:
-        return GradientEstimate(_nothing(view, flags), light)
+        return GradientEstimate(no_sun("gradient", flags, view.up_b, view.t_ns), light)
     field = gradient_field(light, settings.blur)
     if len(field.a) < LEAST_CELLS:
-        return GradientEstimate(_nothing(view, SunFlag.SMALL_WINDOW), light)
+        return GradientEstimate(no_sun("gradient", SunFlag.SMALL_WINDOW, view.up_b, view.t_ns), light)
     plain = plain_sun(field, view.up_b)
     ring = ring_sun(field, view.up_b, view.sun_zenith)
     form: Form = "plain" if _plain_holds(plain, ring, settings) else "ring"
@@ -125,7 +129,7 @@ def estimate(
     free = additive_sun(sky, start, rings=form == "ring")
     fit, cov = free, free.cov
     if view.sun_zenith is not None:
-        start = moved(start, view.up_b, np.array([view.sun_zenith - _zenith(start, view.up_b), 0.0]))
+        start = moved(start, view.up_b, np.array([view.sun_zenith - zenith_angle(start, view.up_b), 0.0]))
         fit = additive_sun(sky, start, rings=form == "ring", free_zenith=False)
         # the height that was imposed is no news: its variance stays what the image alone would give
         cov = np.diag([free.cov[0, 0], fit.cov[1, 1]])
@@ -171,8 +175,9 @@ def _flags(
     settings: GradientSettings,
 ) -> SunFlag:
     """Every doubt about the sun that was found."""
-    zenith = _zenith(fit.s, view.up_b)
+    zenith = zenith_angle(fit.s, view.up_b)
     known = zenith if view.sun_zenith is None else view.sun_zenith
+    off = abs(zenith_angle(free.s, view.up_b) - known)
     sectors = np.histogram(azimuth_in_level(sky.a, view.up_b), bins=36, range=(-np.pi, np.pi))[0]
     doubts = {
         SunFlag.SMALL_WINDOW: float((sectors > 0).mean()) < settings.coverage,
@@ -181,13 +186,10 @@ def _flags(
         SunFlag.MISFIT: fit.explained < settings.explained or fit.weight.mean() < settings.agreeing,
         SunFlag.AMBIGUOUS: ring.contrast < settings.rivalry,
         SunFlag.SIGN: not (fit.grows and (ring.grows or form == "plain")),
-        SunFlag.ZENITH_DISAGREES: abs(_zenith(free.s, view.up_b) - known) > settings.zenith + 3.0 * np.sqrt(cov[0, 0]),
+        SunFlag.ZENITH_DISAGREES: off > settings.zenith + 3.0 * np.sqrt(cov[0, 0]),
         SunFlag.UNCERTAIN: not fit.converged or not np.sqrt(cov[1, 1]) < settings.azimuth_sigma * np.sin(zenith),
     }
-    flags = GOOD
-    for flag, raised in doubts.items():
-        flags = flags | flag if raised else flags
-    return flags
+    return SunFlag.of(doubts)
 
 
 def _sector_covariance(sky: Sky, fit: AdditiveResult, view: View, form: Form) -> FloatArray:
@@ -204,23 +206,20 @@ def _tilt_covariance(sky: Sky, light: SkyLight, fit: AdditiveResult, view: View,
     known = view.sun_zenith is not None
     reference = refit(sky, fit, rings=form == "ring", free_zenith=not known)
     for axis in level_axes(view.up_b)[:2]:
-        up = view.up_b + TILT_STEP * axis
-        up /= np.linalg.norm(up)
-        tilted = replace(sky, a=light.directions(light.good, up), up=up)
+        up = tilted(view.up_b, TILT_STEP * axis)
+        there = replace(sky, a=light.directions(light.good, up), up=up)
         s = fit.s
         if view.sun_zenith is not None:
-            s = moved(s, up, np.array([view.sun_zenith - _zenith(s, up), 0.0]))
-        moved_s = refit(tilted, replace(fit, s=s), rings=form == "ring", free_zenith=not known)
+            s = moved(s, up, np.array([view.sun_zenith - zenith_angle(s, up), 0.0]))
+        moved_s = refit(there, replace(fit, s=s), rings=form == "ring", free_zenith=not known)
         d = fit.E.T @ (moved_s - reference) * (view.tilt_sigma / TILT_STEP)
         cov += np.outer(d, d)
     return cov
 
 
 def _sky(light: SkyLight, up_b: FloatArray, blocks: int) -> Sky:
-    rows, columns = np.nonzero(light.good)
-    size = -(-max(light.good.shape) // blocks)
-    number = np.unique((rows // size) * blocks + columns // size, return_inverse=True)[1]
     good = light.good
+    number = np.unique(block_numbers(good.shape, np.flatnonzero(good), blocks), return_inverse=True)[1]
     axis = light.view.camera.R_bs[:, 2]
     w = light.view.body_rays()[0][good.ravel()]
     off_axis2 = 1.0 - w @ axis
@@ -241,12 +240,3 @@ def _observation(
     other = ring.other if SunFlag.AMBIGUOUS in flags else None
     quality = fit.explained * float(light.good.sum() / light.sky.sum())
     return SunObservation(view.t_ns, fit.s, information, cov_b, "gradient", quality, flags, view.up_b, other)
-
-
-def _nothing(view: View, flags: SunFlag) -> SunObservation:
-    lost = np.full(3, np.nan)
-    return SunObservation(view.t_ns, lost, np.zeros((3, 3)), np.full((3, 3), np.nan), "gradient", 0.0, flags, view.up_b)
-
-
-def _zenith(s: FloatArray, up_b: FloatArray) -> float:
-    return float(np.arccos(np.clip(s @ up_b, -1.0, 1.0)))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from uwgraph.sun.gradient_mask import clear_sky, dilated, smoothed
 from uwgraph.sun.sensor import Sensor
-from uwgraph.sun.surface import in_window, radiance_factor, refract_jacobian, to_air
+from uwgraph.sun.surface import in_window, radiance_factor, refract_jacobian
 from uwgraph.sun.view import View
 from uwgraph.types import BoolArray, FloatArray
 
@@ -47,7 +47,7 @@ class SkyLight:
     def directions(self, pixels: BoolArray, up_b: FloatArray) -> FloatArray:
         """Sky directions in b of the chosen pixels, row by row, shape (N, 3), were ``up_b`` the vertical."""
         w = self.view.body_rays()[0][pixels.ravel()]
-        return to_air(w, up_b, self.view.n) if self.view.in_water else w
+        return self.view.tilted(up_b).above(w)
 
 
 def sky_light(image: NDArray[Any], view: View, sensor: Sensor, factor: int, optical_depth: float = 0.0) -> SkyLight:

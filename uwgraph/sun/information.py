@@ -38,6 +38,16 @@ class Spectrum:
         return cls(vectors[:, 0], vectors[:, 1:], values[1:] - values[0], values)
 
 
+def block_numbers(shape: tuple[int, ...], pixels: NDArray[np.intp], blocks: int) -> NDArray[np.intp]:
+    """Number of the square block that each pixel (flat index, (N,)) of an image of ``shape`` (H, W) belongs to.
+
+    There are ``blocks`` along the longer side; some of the numbers may be empty.
+    """
+    side = -(-max(shape) // blocks)
+    row, column = np.divmod(pixels, shape[1])
+    return np.asarray(row // side * blocks + column // side, dtype=np.intp)
+
+
 def block_sandwich(scores: FloatArray, blocks: NDArray[np.intp], curvature: FloatArray) -> FloatArray:
     """Covariance (K, K) of the parameters: H^-1 (sum_B u_B u_B^T) H^-1, u_B the sum of ``scores`` (N, K) in block B.
 

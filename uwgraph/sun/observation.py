@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntFlag
 from typing import Final
@@ -40,6 +40,11 @@ class SunFlag(IntFlag):
     """The sun found is not at the height that time and place give: wrong camera, mosaic, tilt, time or place."""
     UNCERTAIN = 2048
     """The covariance is too large to be of use."""
+
+    @classmethod
+    def of(cls, doubts: Mapping[SunFlag, bool]) -> SunFlag:
+        """The flags of the doubts that apply."""
+        return cls(sum(flag for flag, applies in doubts.items() if applies))
 
     def names(self) -> tuple[str, ...]:
         """Lower-case names of the flags that are set."""
@@ -102,6 +107,24 @@ class SunObservation:
     def heading(self, sun_azimuth: float) -> float:
         """True heading [rad] where the almanac has the sun at ``sun_azimuth`` [rad, clockwise from north]."""
         return float(wrap_pi(sun_azimuth - self.azimuth_b))
+
+
+def no_sun(method: str, flags: SunFlag, up_b: FloatArray, t_ns: int) -> SunObservation:
+    """The observation of an image in which no direction was found."""
+    lost = np.full(3, np.nan)
+    return SunObservation(t_ns, lost, np.zeros((3, 3)), np.full((3, 3), np.nan), method, 0.0, flags, up_b)
+
+
+def zenith_angle(d_b: FloatArray, up_b: FloatArray) -> float:
+    """Angle of a direction (3,) from the zenith, rad."""
+    return float(np.arccos(np.clip(d_b @ up_b, -1.0, 1.0)))
+
+
+def tilted(up_b: FloatArray, tilt: FloatArray) -> FloatArray:
+    """The zenith (3,) moved by a small vector ``tilt`` (3,) across it, rad."""
+    moved = up_b + tilt
+    up: FloatArray = moved / np.linalg.norm(moved)
+    return up
 
 
 def level_axes(up_b: FloatArray) -> FloatArray:

@@ -20,8 +20,8 @@ from scipy.spatial.transform import Rotation
 from uwgraph.errors import DataError
 from uwgraph.sun.eigen import Robust, covariance, solve
 from uwgraph.sun.evector import Light, Unknowns, skylight
-from uwgraph.sun.observation import SunFlag, SunObservation
-from uwgraph.sun.verdict import Gates, SkyError, nothing, observation
+from uwgraph.sun.observation import SunFlag, SunObservation, no_sun
+from uwgraph.sun.verdict import Gates, SkyError, observation
 from uwgraph.types import BoolArray, FloatArray, TimeArray
 
 UP: Final = np.array([0.0, 0.0, -1.0])
@@ -194,7 +194,7 @@ def observe(
     seen = unit_stokes(polarimeter, counts)
     units, doubt = _screened(polarimeter, counts, seen, settings)
     if len(units) < _LEAST_UNITS:
-        return nothing(doubt, up_b, t_ns)
+        return no_sun("polarization", doubt, up_b, t_ns)
     back = Rotation.from_rotvec(np.outer(np.broadcast_to(turned, len(counts))[units], up_b)).as_matrix()
     R = back @ polarimeter.R_bu[units]  # a place in the sky goes counter-clockwise as the body turns clockwise
     I, Q, U, sigma = (x[units] for x in (seen.I, seen.Q, seen.U, seen.sigma))  # noqa: E741

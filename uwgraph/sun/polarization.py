@@ -16,10 +16,11 @@ import numpy as np
 from uwgraph.errors import DataError
 from uwgraph.sun.eigen import Evectors, Robust, Solution, covariance, evenly, refine, solve
 from uwgraph.sun.evector import IndexArray, Light, Unknowns, light_of, skylight
-from uwgraph.sun.observation import GOOD, SunFlag, SunObservation, level_axes
+from uwgraph.sun.information import block_numbers
+from uwgraph.sun.observation import GOOD, SunFlag, SunObservation, level_axes, no_sun, tilted
 from uwgraph.sun.stokes import StokesImage
 from uwgraph.sun.unknowns import Prior, depolarization, derivatives, settled
-from uwgraph.sun.verdict import Gates, SkyError, nothing, observation
+from uwgraph.sun.verdict import Gates, SkyError, observation
 from uwgraph.sun.view import View
 from uwgraph.types import FloatArray
 
@@ -98,9 +99,9 @@ def estimate(image: StokesImage, view: View, settings: Settings | None = None) -
         )
     pixels, share, flags = _screened(image, view, settings)
     if flags & _HOPELESS:
-        return PolarizationEstimate(nothing(flags, view.up_b, view.t_ns), image, pixels, None, None)
+        return PolarizationEstimate(no_sun("polarization", flags, view.up_b, view.t_ns), image, pixels, None, None)
     blocks = settings.blocks_water if view.in_water else settings.blocks_air
-    light = light_of(image, view, pixels, _blocks(image, pixels, blocks), settings.dop_error)
+    light = light_of(image, view, pixels, block_numbers(image.I.shape, pixels, blocks), settings.dop_error)
     sky, solution, cov, unknowns = _solved(light, view, settings)
     found = observation(
         solution,
@@ -147,13 +148,6 @@ def _screened(image: StokesImage, view: View, settings: Settings) -> tuple[Index
     return pixels[polarized], share * float(polarized.mean()), doubts
 
 
-def _blocks(image: StokesImage, pixels: IndexArray, blocks: int) -> IndexArray:
-    """Number of the square block of the image that each pixel belongs to."""
-    side = -(-max(image.I.shape) // blocks)
-    row, column = np.divmod(pixels, image.I.shape[1])
-    return np.asarray(row // side * blocks + column // side)
-
-
 def _solved(light: Light, view: View, settings: Settings) -> tuple[Evectors, Solution, FloatArray, Unknowns]:
     """The sky, the solution in it, its covariance, and the unknowns found beside it."""
     above, robust, prior = skylight(light, view.up_b, view.n), settings.robust, settings.prior
@@ -190,5 +184,4 @@ def _tilt_effect(light: Light, view: View, s_b: FloatArray, unknowns: Unknowns, 
 
 
 def _tilted(light: Light, view: View, tilt: FloatArray, unknowns: Unknowns) -> Evectors:
-    up_b = view.up_b + tilt
-    return skylight(light, up_b / np.linalg.norm(up_b), view.n).evectors(unknowns)
+    return skylight(light, tilted(view.up_b, tilt), view.n).evectors(unknowns)

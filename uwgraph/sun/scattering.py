@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uwgraph.sun.surface import fresnel_amplitudes
+from uwgraph.sun.surface import transmission_elements
 from uwgraph.types import FloatArray
 
 
@@ -62,7 +62,8 @@ def scattered_stokes(
     sin_t = np.sin(sun_zenith) / n  # the beam in the water, from its zenith
     cos_t = np.sqrt(1.0 - sin_t * sin_t)
     sin_v, cos_v = np.sin(view_elevation), np.cos(view_elevation)
-    i, q, u = _transmitted(np.cos(sun_zenith), n)
+    i, q, _ = transmission_elements(np.cos(sun_zenith), n)
+    u = np.zeros_like(i)
 
     # From the horizontal to the plane of scattering, about the beam: the scattered ray across the beam
     i, q, u = _turned(i, q, u, -cos_v * np.sin(turn), cos_t * cos_v * np.cos(turn) - sin_t * sin_v)
@@ -102,12 +103,6 @@ def sun_from_sine(view_azimuth: FloatArray, aops: FloatArray, weights: FloatArra
     (a, b), *_ = np.linalg.lstsq(A * weights[:, None], t * weights, rcond=None)
     theta_r = np.arctan(np.hypot(a, b))
     return float(np.arctan2(-b, a)), float(np.arcsin(min(1.0, n * np.sin(theta_r))))
-
-
-def _transmitted(cos_air: FloatArray, n: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Unpolarized light of unit intensity behind the surface, about the horizontal."""
-    t_s, t_p = fresnel_amplitudes(cos_air, n)
-    return (t_s**2 + t_p**2) / 2.0, (t_s**2 - t_p**2) / 2.0, np.zeros_like(t_s)
 
 
 def _turned(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from uwgraph.errors import DataError
 from uwgraph.sun.information import FLOOR, rank2
 from uwgraph.sun.m_estimate import Estimate, Loss, grouped_cov, m_estimate, robust_cost, robust_scale
-from uwgraph.sun.observation import GOOD, SunFlag, SunObservation, level_axes
+from uwgraph.sun.observation import SunFlag, SunObservation, level_axes, tilted
 from uwgraph.sun.residual_model import ResidualModel
 from uwgraph.sun.scattering import scattered_aop, sun_from_sine, wrap_half
 from uwgraph.sun.surface import to_air, to_water
@@ -269,23 +269,19 @@ def _flags(
 ) -> SunFlag:
     zenith = float(np.arccos(np.clip(sun[2], -1.0, 1.0)))
     across, along = np.sqrt(np.diag(cov))
-    flags = GOOD
-    if sweep.dolp is not None and np.median(sweep.dolp) < LEAST_DOLP:
-        flags |= SunFlag.UNPOLARIZED
-    if zenith < NEAR_ZENITH:
-        flags |= SunFlag.NEAR_ZENITH
-    if other is not None:
-        flags |= SunFlag.AMBIGUOUS
-    if scatter > MISFIT_ABOVE:
-        flags |= SunFlag.MISFIT
-    if not (across < UNCERTAIN_ABOVE * np.sin(zenith) and along < 2.0 * UNCERTAIN_ABOVE):
-        flags |= SunFlag.UNCERTAIN
-    if sun_zenith is not None:
-        if sun_zenith > np.pi / 2.0:
-            flags |= SunFlag.NIGHT
-        elif abs(zenith - sun_zenith) > np.radians(5.0) + 3.0 * along:
-            flags |= SunFlag.ZENITH_DISAGREES
-    return flags
+    known = zenith if sun_zenith is None else sun_zenith
+    night = known > np.pi / 2.0
+    return SunFlag.of(
+        {
+            SunFlag.UNPOLARIZED: sweep.dolp is not None and bool(np.median(sweep.dolp) < LEAST_DOLP),
+            SunFlag.NEAR_ZENITH: zenith < NEAR_ZENITH,
+            SunFlag.AMBIGUOUS: other is not None,
+            SunFlag.MISFIT: scatter > MISFIT_ABOVE,
+            SunFlag.UNCERTAIN: not (across < UNCERTAIN_ABOVE * np.sin(zenith) and along < 2.0 * UNCERTAIN_ABOVE),
+            SunFlag.NIGHT: night,
+            SunFlag.ZENITH_DISAGREES: not night and abs(zenith - known) > np.radians(5.0) + 3.0 * along,
+        }
+    )
 
 
 def _tilt_cov(sweep: Sweep, s_b: FloatArray, E_b: FloatArray) -> FloatArray:
@@ -293,8 +289,7 @@ def _tilt_cov(sweep: Sweep, s_b: FloatArray, E_b: FloatArray) -> FloatArray:
     beam = to_water(s_b[None], sweep.up_b, sweep.n)
     cov = np.zeros((2, 2))
     for axis in level_axes(sweep.up_b)[:2]:
-        up = sweep.up_b + 1e-3 * axis
-        d = E_b.T @ (to_air(beam, up / np.linalg.norm(up), sweep.n)[0] - s_b) / 1e-3
+        d = E_b.T @ (to_air(beam, tilted(sweep.up_b, 1e-3 * axis), sweep.n)[0] - s_b) / 1e-3
         cov += sweep.tilt_sigma**2 * np.outer(d, d)
     return cov
 

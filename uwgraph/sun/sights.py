@@ -13,6 +13,7 @@ from uwgraph.dive.folder import HEADER, read_dive
 from uwgraph.dive.model import Dive
 from uwgraph.dive.vertical import vertical
 from uwgraph.errors import DataError
+from uwgraph.sun.ephemeris import sun_axes
 from uwgraph.sun.information import rank2
 from uwgraph.sun.observation import SunFlag, SunObservation
 from uwgraph.time import from_datetime
@@ -89,10 +90,9 @@ def _sights_of_table(path: Path) -> tuple[list[SunObservation], FloatArray]:
 
 def _level_sun(t_ns: int, azimuth: float, elevation: float, sigma: float) -> SunObservation:
     """A sun seen from a level body whose bow points north."""
-    ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
-    E = np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, -ce]]).T
-    information, cov = rank2(E, sigma**2 * np.eye(2))
-    return SunObservation(t_ns, np.array([ce * ca, ce * sa, -se]), information, cov, "table", 1.0)
+    s, across, upward = sun_axes(azimuth, elevation)
+    information, cov = rank2(np.stack([across, upward], axis=1), sigma**2 * np.eye(2))
+    return SunObservation(t_ns, s, information, cov, "table", 1.0)
 
 
 def _column(table: pd.DataFrame, name: str, where: str) -> Any:

@@ -100,7 +100,7 @@ def from_channels(
     f = np.stack([np.asarray(c) for c in channels])
     sensor = sensor or Sensor.of(f)
     saturated: BoolArray = np.any(sensor.saturated(f), axis=0)
-    return stokes_of_means(_binned(f, factor), _any(saturated, factor), polarizer, sensor, gains, factor, factor**2)
+    return stokes_of_means(binned(f, factor), _any(saturated, factor), polarizer, sensor, gains, factor, factor**2)
 
 
 def stokes_of_means(
@@ -180,12 +180,14 @@ def estimate_gains(channels: ArrayLike, polarizer: ArrayLike, sensor: Sensor) ->
     return np.asarray(gains / gains.mean())
 
 
-def _binned(f: NDArray[Any], factor: int) -> FloatArray:
-    height, width = (extent // factor for extent in f.shape[1:])
-    cut = f[:, : height * factor, : width * factor]
+def binned(f: NDArray[Any], factor: int) -> FloatArray:
+    """Means of ``factor`` x ``factor`` pixels of images (..., H, W); what is left over at the far edges is cut off."""
+    height, width = (extent // factor for extent in f.shape[-2:])
+    cut = f[..., : height * factor, : width * factor]
     if factor == 1:
         return cut.astype(np.float64)
-    means: FloatArray = cut.reshape(len(f), height, factor, width, factor).mean(axis=(2, 4), dtype=np.float64)
+    cells = cut.reshape(*f.shape[:-2], height, factor, width, factor)
+    means: FloatArray = cells.mean(axis=(-3, -1), dtype=np.float64)
     return means
 
 

@@ -80,13 +80,18 @@ def radiance_factor(cos_air: ArrayLike, n: float) -> FloatArray:
     return transmittance(cos_air, n) * n * n
 
 
+def transmission_elements(cos_air: ArrayLike, n: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """A, B, C of :func:`transmission_mueller`: half the sum and half the difference of t_s^2 and t_p^2, and t_s t_p."""
+    t_s, t_p = fresnel_amplitudes(cos_air, n)
+    return (t_s**2 + t_p**2) / 2.0, (t_s**2 - t_p**2) / 2.0, t_s * t_p
+
+
 def transmission_mueller(cos_air: ArrayLike, n: float) -> FloatArray:
     """Mueller matrix air to water, shape (..., 4, 4), about the horizontal (s) axis, up to the n c_w / c of power.
 
     S_1 > 0 means polarized along the horizontal. (Kattawar & Adams, Limnol. Oceanogr. 34, 1989.)
     """
-    t_s, t_p = fresnel_amplitudes(cos_air, n)
-    A, B, C = (t_s**2 + t_p**2) / 2.0, (t_s**2 - t_p**2) / 2.0, t_s * t_p
+    A, B, C = transmission_elements(cos_air, n)
     M = np.zeros((*np.shape(A), 4, 4))
     M[..., 0, 0] = M[..., 1, 1] = A
     M[..., 0, 1] = M[..., 1, 0] = B

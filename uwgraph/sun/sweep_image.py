@@ -8,10 +8,10 @@ import numpy as np
 
 from uwgraph.errors import DataError
 from uwgraph.sun.evector import light_of
-from uwgraph.sun.stokes import StokesImage
+from uwgraph.sun.stokes import StokesImage, binned
 from uwgraph.sun.sweep import Sweep
 from uwgraph.sun.view import View
-from uwgraph.types import BoolArray, FloatArray
+from uwgraph.types import BoolArray
 
 BLOCKS: Final = 12
 """Views along the longer side of an image."""
@@ -62,17 +62,11 @@ def sweep_of_image(image: StokesImage, view: View, *, max_elevation: float = np.
 def _blocks(image: StokesImage, factor: int) -> tuple[StokesImage, BoolArray]:
     """Means of the good pixels of ``factor`` x ``factor``, and which blocks are at least half good."""
     good = ~(image.dark | image.saturated)
-    share = _mean(good.astype(np.float64), factor)
+    share = binned(good.astype(np.float64), factor)
     safe = np.maximum(share, 1e-9)
     I, Q, U, variance = (  # noqa: E741
-        _mean(np.where(good, x, 0.0), factor) / safe for x in (image.I, image.Q, image.U, image.sigma**2)
+        binned(np.where(good, x, 0.0), factor) / safe for x in (image.I, image.Q, image.U, image.sigma**2)
     )
     filled = share >= 0.5
     sigma = np.sqrt(variance / (safe * factor**2))
     return StokesImage(I, Q, U, sigma, ~filled, ~filled, image.redundancy, image.factor * factor), filled
-
-
-def _mean(x: FloatArray, factor: int) -> FloatArray:
-    height, width = (extent // factor for extent in x.shape)
-    cut = x[: height * factor, : width * factor]
-    return np.asarray(cut.reshape(height, factor, width, factor).mean(axis=(1, 3)))

@@ -9,7 +9,7 @@ import numpy as np
 
 from uwgraph.sun.eigen import Solution
 from uwgraph.sun.information import FLOOR, rank2
-from uwgraph.sun.observation import GOOD, SunFlag, SunObservation
+from uwgraph.sun.observation import GOOD, SunFlag, SunObservation, zenith_angle
 from uwgraph.types import FloatArray
 
 _FULL_SUPPORT: Final = 0.9  # of Gaussian noise alone
@@ -77,7 +77,7 @@ def observation(
     """
     gates, sky_error = gates or Gates(), sky_error or SkyError()
     fit = solution.fit
-    zenith = float(np.arccos(np.clip(fit.s_b @ up_b, -1.0, 1.0)))
+    zenith = zenith_angle(fit.s_b, up_b)
     steepest = fit.E.T @ up_b / max(np.sin(zenith), 1e-9)
     certain = bool(np.isfinite(cov).all())
     agreement = _agreement(solution)
@@ -101,20 +101,13 @@ def observation(
         SunFlag.ZENITH_DISAGREES: abs(zenith - known) > gates.zenith + 3.0 * zenith_sigma,
         SunFlag.UNCERTAIN: not certain,
     }
-    for flag, raised in doubts.items():
-        flags = flags | flag if raised else flags
+    flags |= SunFlag.of(doubts)
     found = SunObservation(
         t_ns, fit.s_b, information, cov_b, "polarization", _quality(solution, share), flags, up_b, rival
     )
     if found.azimuth_sigma < gates.azimuth_sigma:
         return found
     return replace(found, flags=flags | SunFlag.UNCERTAIN)
-
-
-def nothing(flags: SunFlag, up_b: FloatArray, t_ns: int) -> SunObservation:
-    """The observation where no direction was found."""
-    lost = np.full(3, np.nan)
-    return SunObservation(t_ns, lost, np.zeros((3, 3)), np.full((3, 3), np.nan), "polarization", 0.0, flags, up_b)
 
 
 def _mirrored(zenith: float, known: float, sigma: float, gates: Gates) -> bool:

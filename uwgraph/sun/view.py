@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from uwgraph.sun.camera import Camera
-from uwgraph.sun.surface import refract, refract_jacobian
+from uwgraph.sun.surface import to_air
 from uwgraph.types import FloatArray
 
 
@@ -45,15 +45,11 @@ class View:
 
     def sky_rays(self) -> FloatArray:
         """Directions in the sky, in b, that the pixels see, shape (N, 3), row by row; NaN outside the window."""
-        w, _ = self.body_rays()
-        if not self.in_water:
-            return w
-        return np.where((w @ self.up_b > 0.0)[:, None], refract(w, self.up_b, 1.0 / self.n), np.nan)
+        return self.above(self.body_rays()[0])
 
-    def sky_jacobian(self) -> FloatArray:
-        """Derivative of :meth:`sky_rays` by the pixel, shape (N, 3, 2)."""
-        w, J = self.body_rays()
-        return refract_jacobian(w, self.up_b, 1.0 / self.n) @ J if self.in_water else J
+    def above(self, w_b: FloatArray) -> FloatArray:
+        """Directions in the sky, in b, of rays (N, 3) outside the housing; NaN outside the window."""
+        return to_air(w_b, self.up_b, self.n) if self.in_water else w_b
 
 
 @lru_cache(maxsize=16)
