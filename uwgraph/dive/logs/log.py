@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
+from uwgraph.dive.folder import OriginSettings
 from uwgraph.dive.logs.mapping import StreamMapping
+from uwgraph.dive.rig import Rig
 from uwgraph.types import FloatArray, TimeArray
 
 Progress = Callable[[float], None]
@@ -33,6 +35,20 @@ class Topic:
     """Paths of its numbers, as far as known before reading: ``angular_velocity.x``, ``data``, ``header.stamp``."""
     frame: str = ""
     """What the log says of its axes (``header.frame_id``), where it can be known."""
+    units: Mapping[str, str] = field(default_factory=dict)
+    """Units of its fields, in the log's own words, where the log states them."""
+    says: str = ""
+    """What else the log lets one know of it that its type does not tell, for ``proposals``: ``water``, ``magnetic``."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What a log says of the dive besides its topics, taken where the mapping says nothing."""
+
+    rig: Rig = field(default_factory=Rig)
+    """Grade and mounting of the sensors that such a vehicle carries."""
+    origin: OriginSettings | None = None
+    """Of the log's own local positions."""
 
 
 class Sink(Protocol):
@@ -55,6 +71,10 @@ class Log(Protocol):
     @property
     def caveats(self) -> tuple[str, ...]:
         """What the user must know: a damaged end, clocks put together by guess."""
+
+    @property
+    def known(self) -> Known:
+        """What it says besides; ``Known()`` where it says nothing."""
 
     def pour(self, sinks: Mapping[str, tuple[Sink, ...]], progress: Progress) -> None:
         """Read the log once, in file order, giving every message of a named topic to its sinks.
