@@ -105,7 +105,7 @@ class FixesRig(MountedSensor):
 
 
 class HeadingRig(Sensor):
-    """The compass."""
+    """The compass; of its ``rotation_deg`` only the yaw is used: what it points to the right of the body's x axis."""
 
     sigma_deg: Positive = 1.0
     """Where the log states none."""
@@ -114,7 +114,8 @@ class HeadingRig(Sensor):
 
 
 class SunRig(Sensor):
-    """The sun sensor; its observations are already in the body frame, so only its clock is here."""
+    """The sun sensor: its clock, and as ``rotation_deg`` what is left of its mounting, since its observations are
+    turned to the body by the camera's calibration."""
 
 
 class ReferenceRig(MountedSensor):

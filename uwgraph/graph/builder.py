@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import gtsam
 import numpy as np
@@ -22,6 +22,9 @@ from uwgraph.sun.ephemeris import sun_direction_n
 from uwgraph.types import FloatArray, TimeArray
 
 DVL_CALIBRATION = gtsam.symbol("c", 0)
+Timed = tuple[list[gtsam.NonlinearFactor], TimeArray]
+"""Factors and when each was measured."""
+NOTHING: Timed = ([], np.zeros(0, dtype=np.int64))
 VELOCITY_SIGMA = 3.0
 """m/s, prior of the first velocity: it only keeps a dive without DVL regular."""
 
@@ -35,7 +38,9 @@ class Problem:
     bulk: Sequence[factors.CalibratedDisplacements]
     values: gtsam.Values
     counts: Mapping[str, int]
-    """Factors of each kind."""
+    """Factors of each kind, in the order in which they stand in the graph."""
+    measured_ns: Mapping[str, TimeArray] = field(default_factory=dict)
+    """When each factor of a kind was measured, on average, where that is an instant of its own, shape (count,)."""
 
     def error(self, values: gtsam.Values) -> float:
         return float(self.graph.error(values)) + sum(b.error(values) for b in self.bulk)
@@ -80,27 +85,30 @@ def build(
     loss = Losses(settings)
     graph = gtsam.NonlinearFactorGraph()
     counts: dict[str, int] = {}
+    measured_ns: dict[str, TimeArray] = {}
 
-    def add(kind: str, new: Sequence[gtsam.NonlinearFactor]) -> None:
+    def add(kind: str, new: Sequence[gtsam.NonlinearFactor], t_ns: TimeArray | None = None) -> None:
         for factor in new:
             graph.push_back(factor)
         if new:
             counts[kind] = len(new)
+        if t_ns is not None:
+            measured_ns[kind] = t_ns
 
     add("prior", _priors(prepared, initial, track))
     add("imu", _imu(prepared, keyframes, place))
     native, bulk = _dvl(prepared, settings, keyframes, track, loss)
     add("dvl", native)
-    add("depth", _depth(prepared, keyframes, track, place, loss))
-    add("fixes", _fixes(prepared, keyframes, track, loss))
-    add("heading", _heading(prepared, keyframes, track, place, loss))
-    add("sun", _sun(prepared, keyframes, track, place, loss))
+    add("depth", *_depth(prepared, keyframes, track, place, loss))
+    add("fixes", *_fixes(prepared, keyframes, track, loss))
+    add("heading", *_heading(prepared, keyframes, track, place, loss))
+    add("sun", *_sun(prepared, keyframes, track, place, loss))
     values = _first_guess(keyframes, track, place)
     for block in bulk:
         counts["dvl"] = len(block)
         values.insert(DVL_CALIBRATION, np.zeros(factors.CALIBRATION_DIM))
         graph.push_back(_calibration_prior(prepared))
-    return Problem(keyframes, graph, bulk, values, counts)
+    return Problem(keyframes, graph, bulk, values, counts, measured_ns)
 
 
 class Losses:
@@ -211,56 +219,53 @@ def _calibration_prior(prepared: Prepared) -> gtsam.NonlinearFactor:
     return gtsam.PriorFactorVector(DVL_CALIBRATION, zero, gtsam.noiseModel.Diagonal.Sigmas(sigmas))
 
 
-def _depth(
-    prepared: Prepared, keyframes: TimeArray, track: Track, place: Place, loss: Losses
-) -> list[gtsam.NonlinearFactor]:
+def _depth(prepared: Prepared, keyframes: TimeArray, track: Track, place: Place, loss: Losses) -> Timed:
     if prepared.depth is None:
-        return []
+        return NOTHING
     lever = prepared.dive.rig.depth.l_b
     at = moving.depths(prepared.depth, keyframes, track, lever)
     robust = loss(1)
-    return [
+    new = [
         factors.Depth(d, s, place.R_local[k][:, 2], place.p_n[k], place.depth[k], lever).lowered((X(k),), robust)
         for k, d, s in zip(at.keyframe.tolist(), at.value.tolist(), at.spread.tolist(), strict=True)
     ]
+    return new, at.t_ns
 
 
-def _fixes(prepared: Prepared, keyframes: TimeArray, track: Track, loss: Losses) -> list[gtsam.NonlinearFactor]:
+def _fixes(prepared: Prepared, keyframes: TimeArray, track: Track, loss: Losses) -> Timed:
     if prepared.fixes is None:
-        return []
+        return NOTHING
     lever = prepared.dive.rig.fixes.l_b
     at, R_local = moving.fixes(prepared.fixes, prepared.origin, keyframes, track, lever)
     robust = loss(3)
-    return [
+    new = [
         factors.PositionFix(p, cov, lever, R).lowered((X(k),), robust)
         for k, p, cov, R in zip(at.keyframe.tolist(), at.value, at.spread, R_local, strict=True)
     ]
+    return new, at.t_ns
 
 
-def _heading(
-    prepared: Prepared, keyframes: TimeArray, track: Track, place: Place, loss: Losses
-) -> list[gtsam.NonlinearFactor]:
+def _heading(prepared: Prepared, keyframes: TimeArray, track: Track, place: Place, loss: Losses) -> Timed:
     if prepared.heading is None:
-        return []
+        return NOTHING
     at = moving.headings(prepared.heading, keyframes, track)
     pitch = rph_from_matrix(place.R_nb)[:, 1]
     robust = loss(1)
-    return [
+    new = [
         factors.Heading(h, s, pitch[k], place.R_local[k]).lowered((X(k),), robust)
         for k, h, s in zip(at.keyframe.tolist(), at.value.tolist(), at.spread.tolist(), strict=True)
     ]
+    return new, at.t_ns
 
 
-def _sun(
-    prepared: Prepared, keyframes: TimeArray, track: Track, place: Place, loss: Losses
-) -> list[gtsam.NonlinearFactor]:
+def _sun(prepared: Prepared, keyframes: TimeArray, track: Track, place: Place, loss: Losses) -> Timed:
     if prepared.sun is None:
-        return []
-    at, t_ns = moving.suns(prepared.sun, keyframes, track)
+        return NOTHING
+    at = moving.suns(prepared.sun, keyframes, track)
     k = at.keyframe
-    s_n = sun_direction_n(prepared.origin, t_ns, place.lat[k], place.lon[k])
+    s_n = sun_direction_n(prepared.origin, at.t_ns, place.lat[k], place.lon[k])
     robust = loss(2)
-    return factors.sun_scatter_factors([X(i) for i in k.tolist()], at.spread, s_n, robust)
+    return factors.sun_scatter_factors([X(i) for i in k.tolist()], at.spread, s_n, robust), at.t_ns
 
 
 def _first_guess(keyframes: TimeArray, track: Track, place: Place) -> gtsam.Values:

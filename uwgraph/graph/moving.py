@@ -29,14 +29,17 @@ class AtKeyframes:
     """Shape (M, ...)."""
     spread: FloatArray
     """1-sigma, covariance or information, as the sensor has it, shape (M, ...)."""
+    t_ns: TimeArray
+    """When it was measured, on average, shape (M,)."""
 
 
 def depths(stream: Depth, keyframes: TimeArray, track: Track, lever_b: FloatArray) -> AtKeyframes:
     """Depth of the sensor at the keyframes, with 1-sigma."""
     stream, k = _near(stream, keyframes)
     moved = (_point(track, keyframes[k], lever_b) - _point(track, stream.t_ns, lever_b))[:, 2]
-    keyframe, value, weight = _weighted_mean(k, stream.depth + moved, stream.sigma**-2.0)
-    return AtKeyframes(keyframe, value, weight**-0.5)
+    weight = stream.sigma**-2.0
+    keyframe, value, total = _weighted_mean(k, stream.depth + moved, weight)
+    return AtKeyframes(keyframe, value, total**-0.5, _mean_time(k, stream.t_ns, keyframes, weight))
 
 
 def headings(stream: Heading, keyframes: TimeArray, track: Track) -> AtKeyframes:
@@ -46,18 +49,19 @@ def headings(stream: Heading, keyframes: TimeArray, track: Track) -> AtKeyframes
     weight = stream.sigma**-2.0
     keyframe, cosine, total = _weighted_mean(k, np.cos(value), weight)
     _, sine, _ = _weighted_mean(k, np.sin(value), weight)
-    return AtKeyframes(keyframe, np.arctan2(sine, cosine), total**-0.5)
+    t_ns = _mean_time(k, stream.t_ns, keyframes, weight)
+    return AtKeyframes(keyframe, np.arctan2(sine, cosine), total**-0.5, t_ns)
 
 
-def suns(stream: Sun, keyframes: TimeArray, track: Track) -> tuple[AtKeyframes, TimeArray]:
-    """Rank-2 information in the keyframes' body axes, dR^T Lambda dR, and the stamp each was measured at.
+def suns(stream: Sun, keyframes: TimeArray, track: Track) -> AtKeyframes:
+    """Rank-2 information in the keyframes' body axes, dR^T Lambda dR.
 
     Observations are not summed: the sun moves 15 degrees an hour, and each keeps its own instant.
     """
     stream, k = _near(stream.select(stream.flags == 0), keyframes)
     dR = np.swapaxes(track.rotation_at(keyframes[k]), 1, 2) @ track.rotation_at(stream.t_ns)
     information = dR @ stream.information_b @ np.swapaxes(dR, 1, 2)
-    return AtKeyframes(k, np.einsum("kij,kj->ki", dR, stream.s_b), information), stream.t_ns
+    return AtKeyframes(k, np.einsum("kij,kj->ki", dR, stream.s_b), information, stream.t_ns)
 
 
 def fixes(
@@ -69,7 +73,7 @@ def fixes(
     cov[~np.isfinite(stream.height), 2, 2] = np.inf
     p = ned_from_geodetic(origin, stream.lat, stream.lon, np.nan_to_num(stream.height))
     moved = _point(track, keyframes[k], lever_b) - _point(track, stream.t_ns, lever_b)
-    return AtKeyframes(k, p + moved, cov), R_n_local(origin, stream.lat, stream.lon)
+    return AtKeyframes(k, p + moved, cov, stream.t_ns), R_n_local(origin, stream.lat, stream.lon)
 
 
 def _near(stream: Any, keyframes: TimeArray) -> tuple[Any, IndexArray]:
@@ -89,3 +93,10 @@ def _weighted_mean(k: IndexArray, value: FloatArray, weight: FloatArray) -> tupl
     keyframe, group = np.unique(k, return_inverse=True)
     total = np.bincount(group, weight).astype(np.float64)
     return keyframe, np.bincount(group, weight * value) / total, total
+
+
+def _mean_time(k: IndexArray, t_ns: TimeArray, keyframes: TimeArray, weight: FloatArray) -> TimeArray:
+    """Weighted mean stamp of the samples of each keyframe that has any."""
+    keyframe, since, _ = _weighted_mean(k, (t_ns - keyframes[k]).astype(np.float64), weight)
+    mean: TimeArray = keyframes[keyframe] + np.rint(since).astype(np.int64)
+    return mean

@@ -114,7 +114,7 @@ def prepare(dive: Dive) -> Prepared:
         depth=_inside(_filled(dive.depth, rig.depth.sigma, rig.depth.time_offset_ns), span),
         fixes=_inside(_fixes(dive), span),
         heading=_inside(_heading(dive), span),
-        sun=_inside(_shifted(dive.sun, rig.sun.time_offset_ns), span),
+        sun=_inside(_sun(dive), span),
         reference=_inside(_shifted(dive.reference, rig.reference.time_offset_ns), span),
     )
 
@@ -168,6 +168,8 @@ def _fixes(dive: Dive) -> Fixes | None:
 def _heading(dive: Dive) -> Heading | None:
     rig = dive.rig.heading
     stream = _filled(dive.heading, np.radians(rig.sigma_deg), rig.time_offset_ns)
+    if stream is not None and rig.rotation_deg[2]:
+        stream = replace(stream, heading=stream.heading - np.radians(rig.rotation_deg[2]))
     if stream is None or stream.reference == "true":
         return stream
     if rig.declination_deg is None:
@@ -177,6 +179,13 @@ def _heading(dive: Dive) -> Heading | None:
             remedy="set rig.heading.declination_deg in dive.yaml",
         )
     return replace(stream, heading=stream.heading + np.radians(rig.declination_deg), reference="true")
+
+
+def _sun(dive: Dive) -> Sun | None:
+    sun, R = _shifted(dive.sun, dive.rig.sun.time_offset_ns), dive.rig.sun.R_bs
+    if sun is None or not any(dive.rig.sun.rotation_deg):
+        return sun
+    return replace(sun, information_b=R @ sun.information_b @ R.T, s_b=sun.s_b @ R.T, cov_b=R @ sun.cov_b @ R.T)
 
 
 def _inside(stream: S | None, span: tuple[int, int]) -> S | None:

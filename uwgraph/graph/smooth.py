@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import gtsam
@@ -33,6 +34,23 @@ MOVED_RAD = np.radians(2.0)
 """A solution further than this from the track it was linearised about makes another round."""
 
 
+@dataclass(frozen=True, eq=False)
+class Smoothed:
+    """A solved graph, for those who want more of it than the solution."""
+
+    prepared: Prepared
+    initial: Initial
+    problem: Problem
+    solved: Solved
+    solution: Solution
+    """Without covariances."""
+
+    @cached_property
+    def track(self) -> Track:
+        """The solution as a track that can be asked at any time within it."""
+        return _track(self.prepared, self.solution)
+
+
 def smooth(dive: Dive, settings: SmoothSettings | None = None, progress: Progress | None = None) -> Solution:
     """Estimate every keyframe's state and its covariance from a whole dive.
 
@@ -48,11 +66,31 @@ def smooth(dive: Dive, settings: SmoothSettings | None = None, progress: Progres
     settings = settings or SmoothSettings()
     tell = progress or _silent
     started = time.monotonic()
+    found = solve_dive(dive, settings, tell)
+    problem, solved, solution = found.problem, found.solved, found.solution
+    if settings.covariances:
+        tell("covariances", 0.0)
+        solution = with_covariances(solution, problem, solved.values)
+        if not all(np.isfinite(c).all() for c in (solution.cov_pose, solution.cov_v, solution.cov_bias)):
+            raise _unsolvable(problem, "the covariance is not finite: the graph has no unique solution")
+    tell("done", 1.0)
+    info = _info(problem, solved, found.initial, time.monotonic() - started)
+    return replace(solution, info=info)
+
+
+def solve_dive(dive: Dive, settings: SmoothSettings, tell: Progress, guess: Solution | None = None) -> Smoothed:
+    """The solved graph of a dive, begun from dead reckoning or from an earlier solution of the same dive.
+
+    Raises what :func:`smooth` does.
+    """
     tell("reading the streams", 0.0)
     prepared = prepare(dive)
     initial = initial_state(prepared, settings)
     keyframes = schedule(prepared, settings, initial.t_ns, int(prepared.imu.t_ns[-1]))
-    track = dead_reckon(prepared, initial.t_ns, initial.R_nb, initial.p_n, initial.cov_rotation_b)
+    if guess is None:
+        track = dead_reckon(prepared, initial.t_ns, initial.R_nb, initial.p_n, initial.cov_rotation_b)
+    else:
+        track = _track(prepared, guess)
     for _ in range(MAX_ROUNDS):
         tell("building the graph", 0.0)
         problem = build(prepared, settings, initial, keyframes, track)
@@ -61,14 +99,7 @@ def smooth(dive: Dive, settings: SmoothSettings | None = None, progress: Progres
         if not _moved(track, solution):
             break
         track = _track(prepared, solution)
-    if settings.covariances:
-        tell("covariances", 0.0)
-        solution = with_covariances(solution, problem, solved.values)
-        if not all(np.isfinite(c).all() for c in (solution.cov_pose, solution.cov_v, solution.cov_bias)):
-            raise _unsolvable(problem, "the covariance is not finite: the graph has no unique solution")
-    tell("done", 1.0)
-    info = _info(problem, solved, initial, time.monotonic() - started)
-    return replace(solution, info=info)
+    return Smoothed(prepared, initial, problem, solved, solution)
 
 
 def _solve(problem: Problem, settings: SmoothSettings, tell: Progress) -> Solved:
