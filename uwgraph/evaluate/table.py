@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from uwgraph.evaluate.people import people, sigmas
 from uwgraph.time import NS
-from uwgraph.types import FloatArray, Solution
+from uwgraph.types import FloatArray, Solution, TimeArray
 
 
 def solution_table(solution: Solution) -> pa.Table:
@@ -43,8 +43,13 @@ def solution_table(solution: Solution) -> pa.Table:
 
 def trajectory_tum(solution: Solution) -> str:
     """Lines of ``t x y z qx qy qz qw``: seconds UTC with 9 decimals, position and quaternion of T_nb (NED, FRD)."""
-    quaternions = Rotation.from_matrix(solution.R_nb).as_quat()
-    rows = zip(solution.t_ns.tolist(), solution.p_n.tolist(), quaternions.tolist(), strict=True)
+    return tum_lines(solution.t_ns, solution.p_n, solution.R_nb)
+
+
+def tum_lines(t_ns: TimeArray, p: FloatArray, R: FloatArray) -> str:
+    """Lines of ``t x y z qx qy qz qw`` of poses in any frame: positions (K, 3), rotations (K, 3, 3)."""
+    quaternions = Rotation.from_matrix(R).as_quat()
+    rows = zip(t_ns.tolist(), p.tolist(), quaternions.tolist(), strict=True)
     return "".join(
         f"{t // NS}.{t % NS:09d} {x:.6f} {y:.6f} {z:.6f} {qx:.12f} {qy:.12f} {qz:.12f} {qw:.12f}\n"
         for t, (x, y, z), (qx, qy, qz, qw) in rows
