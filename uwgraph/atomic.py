@@ -12,7 +12,7 @@ from pathlib import Path
 
 from uwgraph.errors import DataError
 
-_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
 @contextmanager
@@ -102,7 +102,7 @@ def _told(target: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.errno in _FULL:
+        if error.errno in FULL:
             raise DataError(
                 "the disk is full, or a size limit was reached; nothing was written",
                 where=str(target),

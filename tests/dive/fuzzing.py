@@ -110,7 +110,8 @@ def _one(import_call: Callable[[Path], object], folder: Path, case: str, tally: 
             import_call(folder)
         tally.imported += 1
     except UwgraphError as error:
-        assert error.problem, f"{case}: an error without words"
+        if not error.problem:
+            raise AssertionError(f"{case}: an error without words") from error
         tally.refused += 1
     except TooLong as error:
         raise AssertionError(f"{case}: longer than {LIMIT_S} s") from error

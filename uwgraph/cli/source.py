@@ -21,6 +21,6 @@ def load_dive(path: Path, *, validate: bool = True) -> Dive:
 
     if (path / HEADER).exists():
         return read_dive(path, validate=validate)
-    dive, reader, reason = read_recording(path)
-    note(f"{path}: read as {reader.NAME}: {reason}")
-    return dive
+    found = read_recording(path)
+    note(f"{path}: read as {found.reader.NAME}: {found.reason}")
+    return found.dive

@@ -119,15 +119,20 @@ def write_dive(
         When the folder is taken, cannot be written or the disk is full; nothing half-written is left.
     """
     with atomic_folder(path, replaces=HEADER if overwrite else None) as folder:
-        (folder / HEADER).write_text(_header_text(dive, path), encoding="utf-8")
-        for name, stream in dive.streams():
-            write_table(folder / f"{name}.{table_format}", table_from_stream(name, stream))
-        for camera, images in dive.images.items():
-            place = folder / "images" / camera
-            place.mkdir(parents=True)
-            write_table(place / f"index.{table_format}", table_from_stream("images", images))
-            if images_from is not None:
-                _copy_images(images, Path(images_from) / "images" / camera, place)
+        fill_folder(folder, dive, table_format)
+        if images_from is not None:
+            copy_images(dive, Path(images_from), folder)
+
+
+def fill_folder(folder: Path, dive: Dive, table_format: TableFormat = "parquet") -> None:
+    """Write header and tables into a folder that is there, beside image files that may be in it already."""
+    (folder / HEADER).write_text(_header_text(dive, folder), encoding="utf-8")
+    for name, stream in dive.streams():
+        write_table(folder / f"{name}.{table_format}", table_from_stream(name, stream))
+    for camera, images in dive.images.items():
+        place = folder / "images" / camera
+        place.mkdir(parents=True, exist_ok=True)
+        write_table(place / f"index.{table_format}", table_from_stream("images", images))
 
 
 def add_stream(path: str | Path, name: str, stream: Stream, *, replace: bool = False) -> None:
@@ -239,7 +244,13 @@ def _check_images(images: Images, index: Path) -> None:
             )
 
 
-def _copy_images(images: Images, source: Path, place: Path) -> None:
+def copy_images(dive: Dive, source: Path, folder: Path) -> None:
+    """Copy the image files and calibrations of a dive from the folder ``source`` of a dive into another."""
+    for camera, images in dive.images.items():
+        _copy_camera(images, source / "images" / camera, folder / "images" / camera)
+
+
+def _copy_camera(images: Images, source: Path, place: Path) -> None:
     for name in map(str, images.file):
         target = place / name
         target.parent.mkdir(parents=True, exist_ok=True)

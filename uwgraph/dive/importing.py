@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from uwgraph.dive.folder import TableFormat, write_dive
+from uwgraph.atomic import atomic_folder
+from uwgraph.dive.folder import HEADER, TableFormat, copy_images, fill_folder
+from uwgraph.dive.logs.guess import Left, Taken
+from uwgraph.dive.logs.log import LogReader
+from uwgraph.dive.logs.mapping import LogMapping
+from uwgraph.dive.logs.mapping_file import NAME as MAPPING_FILE
+from uwgraph.dive.logs.reading import LogOptions, Survey, read_log, survey_log
 from uwgraph.dive.model import Dive
-from uwgraph.dive.readers import Reader, guess_reader, native, reader_named
+from uwgraph.dive.readers import AnyReader, guess_reader, native, reader_named
 from uwgraph.dive.timing import align_clocks
 from uwgraph.dive.validate import validate_dive
+from uwgraph.errors import ConfigError
 from uwgraph.time import isoformat
 from uwgraph.types import Stream
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the share that is done, 0 to 1."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +53,26 @@ class ImportReport:
     streams: tuple[StreamSummary, ...]
     conversions: tuple[str, ...]
     caveats: tuple[str, ...]
+    taken: tuple[Taken, ...] = ()
+    """Of a log: the topics that became streams ..."""
+    left: tuple[Left, ...] = ()
+    """... and those that did not."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A recording as a dive."""
+
+    dive: Dive
+    reader: AnyReader
+    reason: str
+    """Why this reader."""
+    survey: Survey | None = None
+    """Of a log: what is in it and what was taken."""
+
+
+def silent(doing: str, share: float) -> None:
+    """Progress that nobody watches."""
 
 
 def import_dive(
@@ -52,6 +82,9 @@ def import_dive(
     *,
     table_format: TableFormat = "parquet",
     overwrite: bool = False,
+    options: LogOptions | None = None,
+    align: bool | None = None,
+    progress: Progress = silent,
 ) -> ImportReport:
     """Read a recording, validate it, put its sensors on one clock where the format needs it, and write a dive folder.
 
@@ -65,39 +98,99 @@ def import_dive(
         How to write the streams.
     overwrite : bool
         Replace a dive folder that is already there.
+    options : LogOptions, optional
+        How to read a log of topics; other formats know themselves what their files mean.
+    align : bool, optional
+        Estimate clock offsets between the sensors; by default where the format's sensors kept clocks of their own.
+    progress : callable
+        Told what is being done.
 
     Raises
     ------
     DataError, ConfigError
-        When the recording cannot be recognised or used; nothing is written then.
+        When the recording cannot be recognised or used; no dive is written then, but where nothing of a log is known,
+        a mapping file to edit.
     """
-    source = Path(src)
-    dive, reader, reason = read_recording(source, format)
-    images_from = source if reader is native else None
-    write_dive(dive, dest, table_format=table_format, images_from=images_from, overwrite=overwrite)
+    source, target = Path(src), Path(dest)
+    template = target.with_name(f"{target.name}-{MAPPING_FILE}")
+    options = replace(options or LogOptions(), template=template)
+    with atomic_folder(target, replaces=HEADER if overwrite else None) as folder:
+        found = read_recording(
+            source, format, options=options, align=align, images_into=folder / "images", progress=progress
+        )
+        progress("writing", 0.95)
+        fill_folder(folder, found.dive, table_format)
+        if found.reader is native:
+            copy_images(found.dive, source, folder)
+        if found.survey is not None:
+            (folder / MAPPING_FILE).write_text(found.survey.text, encoding="utf-8")
     return ImportReport(
         source=str(source),
         destination=str(dest),
-        format=reader.NAME,
-        reason=reason,
-        streams=summarise(dive),
-        conversions=_notes(dive.provenance, "conversions"),
-        caveats=_notes(dive.provenance, "caveats"),
+        format=found.reader.NAME,
+        reason=found.reason,
+        streams=summarise(found.dive),
+        conversions=_notes(found.dive.provenance, "conversions"),
+        caveats=_notes(found.dive.provenance, "caveats"),
+        taken=found.survey.taken if found.survey else (),
+        left=found.survey.left if found.survey else (),
     )
 
 
-def read_recording(src: Path, format: str | None = None) -> tuple[Dive, Reader, str]:  # noqa: A002
-    """A recording in any known format as a valid dive on one clock; its reader, and why that one.
+def read_recording(
+    src: Path,
+    format: str | None = None,  # noqa: A002
+    *,
+    options: LogOptions | None = None,
+    align: bool | None = None,
+    images_into: Path | None = None,
+    progress: Progress = silent,
+) -> Recording:
+    """A recording in any known format as a valid dive on one clock; parameters as of :func:`import_dive`.
+
+    ``images_into`` is the folder that image files of a log go to; without it they are not read.
 
     Raises
     ------
     DataError, ConfigError
         When the recording cannot be recognised or used.
     """
-    reader, reason = (reader_named(format), "as asked") if format else guess_reader(src)
-    dive = reader.read(src)
-    validate_dive(dive, str(src))
-    return _aligned(dive) if reader.CLOCKS_DIFFER else dive, reader, reason
+    reader, reason = _reader(src, format)
+    options = options or LogOptions()
+    if isinstance(reader, LogReader):
+        dive, survey = read_log(src, reader, options, images_into, lambda share: progress("reading", 0.9 * share))
+        found = Recording(dive, reader, reason, survey)
+    elif options.says_nothing:
+        found = Recording(reader.read(src), reader, reason)
+    else:
+        raise ConfigError(
+            f"a recording of format {reader.NAME} has no topics to map",
+            where=str(src),
+            remedy="leave out --mapping, --mapping-out, --origin, --rig, --from and --to",
+        )
+    progress("checking", 0.92)
+    validate_dive(found.dive, str(src))
+    aligned = reader.CLOCKS_DIFFER if align is None else align
+    return replace(found, dive=_aligned(found.dive)) if aligned else found
+
+
+def survey_recording(src: Path, format: str | None = None, mapping: LogMapping | None = None) -> Survey:  # noqa: A002
+    """What is in a log and what would become of it; only what the reader needs to tell its topics is read.
+
+    Raises
+    ------
+    DataError, ConfigError
+        When it cannot be recognised or read, or is a format without topics.
+    """
+    reader, _ = _reader(src, format)
+    if not isinstance(reader, LogReader):
+        raise ConfigError(f"format {reader.NAME} has no topics to list", where=str(src), remedy="import it as it is")
+    with reader.open_log(src) as log:
+        return survey_log(log, reader, mapping)
+
+
+def _reader(src: Path, format: str | None) -> tuple[AnyReader, str]:  # noqa: A002
+    return (reader_named(format), "as asked") if format else guess_reader(src)
 
 
 def _aligned(dive: Dive) -> Dive:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from uwgraph.dive.folder import OriginSettings
 from uwgraph.dive.logs.mapping import StreamMapping
@@ -99,6 +99,7 @@ class Proposal:
     """What the user must know when it is taken."""
 
 
+@runtime_checkable
 class LogReader(Protocol):
     """What the module of a log format offers."""
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import datetime
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Final, Literal, TypeAlias
 
 from pydantic import Field as Setting
 from pydantic import model_validator
@@ -74,6 +74,24 @@ class TopicMapping(Settings):
             elif isinstance(value, tuple):
                 found[name] = value
         return found
+
+    def in_words(self) -> str:
+        """What is taken for what: the fields with their units, and every other setting that is not a default."""
+        words = []
+        for name, value in self:
+            if isinstance(value, Quantity):
+                words.append(f"{name} {value}")
+            elif isinstance(value, tuple) and value:
+                words.append(f"{name} {', '.join(map(str, value))}")
+            elif name in _ALWAYS_TOLD or (
+                name != "topic" and value not in (None, type(self).model_fields[name].default)
+            ):
+                words.append(f"{name} {value}")
+        return "; ".join(words)
+
+
+_ALWAYS_TOLD: Final = ("axes", "world", "velocity_in", "reference", "surface_pressure_pa")
+"""Conventions that are worth a look even where they are the defaults."""
 
 
 class ImuMapping(TopicMapping):
@@ -238,6 +256,12 @@ class LogMapping(Settings):
     rig: Rig = Rig()
     left: Annotated[dict[str, Any], Setting(default_factory=dict)]
     """What is not taken, for people: ignored."""
+
+    def by_stream(self) -> dict[str, StreamMapping]:
+        """The mappings of all streams that are set, images as ``images/CAMERA``."""
+        named = {name: getattr(self.streams, name) for name in Streams.model_fields}
+        images = {f"images/{camera}": mapping for camera, mapping in self.images.items()}
+        return {name: mapping for name, mapping in {**named, **images}.items() if mapping is not None}
 
 
 def _exactly_one(mapping: TopicMapping, *names: str) -> None:

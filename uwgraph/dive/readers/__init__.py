@@ -1,17 +1,20 @@
-"""Log formats, one file each. A reader turns a recording into a :class:`~uwgraph.dive.Dive` in our conventions.
+"""Log formats, one file each, of two kinds.
 
-A reader writes into the dive's provenance where it came from (``source``, ``format``), what was converted
-(``conversions``) and what the user must know (``caveats``).
+A :class:`Reader` knows what its files mean, and turns a recording into a :class:`~uwgraph.dive.Dive` in our
+conventions. A :class:`~uwgraph.dive.logs.log.LogReader` opens a log of topics, which a mapping makes a dive of. Either
+way the dive's provenance tells where it came from (``source``, ``format``), what was converted (``conversions``) and
+what the user must know (``caveats``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final, Protocol, TypeAlias
 
+from uwgraph.dive.logs.log import LogReader
 from uwgraph.dive.model import Dive
-from uwgraph.dive.readers import euroc, native, snapir
+from uwgraph.dive.readers import csvfile, euroc, mcapfile, native, rosbag, snapir
 from uwgraph.errors import ConfigError, DataError
 
 
@@ -32,10 +35,13 @@ class Reader(Protocol):
         """The dive; raises DataError or ConfigError when the recording cannot be used."""
 
 
-READERS: Final[Sequence[Reader]] = (native, snapir, euroc)
+AnyReader: TypeAlias = Reader | LogReader
+
+READERS: Final[Sequence[AnyReader]] = (native, snapir, euroc, rosbag, mcapfile, csvfile)
+"""In the order in which they are asked: the last takes any table, so it is taken when no other fits."""
 
 
-def reader_named(name: str) -> Reader:
+def reader_named(name: str) -> AnyReader:
     """The reader of a format; raises :class:`ConfigError` when there is none of that name."""
     for reader in READERS:
         if name == reader.NAME:
@@ -44,7 +50,7 @@ def reader_named(name: str) -> Reader:
     raise ConfigError(f"unknown format {name!r}", where="format", remedy=f"known formats: {known}")
 
 
-def guess_reader(path: Path) -> tuple[Reader, str]:
+def guess_reader(path: Path) -> tuple[AnyReader, str]:
     """The reader that a recording looks made for, and why.
 
     Raises
@@ -55,12 +61,12 @@ def guess_reader(path: Path) -> tuple[Reader, str]:
     if not path.exists():
         raise DataError("there is no such file or folder", where=str(path), remedy="check the name")
     found = [(reader, reason) for reader in READERS if (reason := reader.matches(path))]
+    if len(found) > 1 and found[-1][0] is READERS[-1]:
+        found.pop()
     if len(found) == 1:
         return found[0]
     if found:
         names = " and ".join(reader.NAME for reader, _ in found)
         raise DataError(f"looks like {names}", where=str(path), remedy="name the format")
     expected = "".join(f"\n    {reader.NAME}: {reader.EXPECTS}" for reader in READERS)
-    raise DataError(
-        "looks like none of the known formats", where=str(path), remedy=f"name the folder of a recording:{expected}"
-    )
+    raise DataError("looks like none of the known formats", where=str(path), remedy=f"name a recording:{expected}")

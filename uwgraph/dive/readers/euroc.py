@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import BaseModel, Field
 from scipy.spatial.transform import Rotation
 
+from uwgraph.dive.logs.sampling import interval_means
 from uwgraph.dive.model import Dive
 from uwgraph.dive.rig import ImuRig, Rig
 from uwgraph.dive.tables import Column, Table, read_table
@@ -149,14 +150,9 @@ def _read_imu(file: Path) -> Imu:
         raise DataError("holds a single sample", where=str(file), remedy="copy the recording again")
     return Imu(
         table[stamp][1:],
-        f_s=_interval_means(_vectors(table, _ACCEL)) @ R_BS.T,
-        w_s=_interval_means(_vectors(table, _GYRO)) @ R_BS.T,
+        f_s=interval_means(_vectors(table, _ACCEL)) @ R_BS.T,
+        w_s=interval_means(_vectors(table, _GYRO)) @ R_BS.T,
     )
-
-
-def _interval_means(samples: FloatArray) -> FloatArray:
-    """Means over the intervals between instantaneous samples, by the trapezoidal rule."""
-    return 0.5 * (samples[1:] + samples[:-1])
 
 
 def _read_reference(file: Path) -> Reference:
