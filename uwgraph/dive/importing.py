@@ -13,7 +13,6 @@ from uwgraph.atomic import atomic_folder
 from uwgraph.dive.folder import HEADER, TableFormat, copy_images, fill_folder
 from uwgraph.dive.logs.guess import Left, Taken
 from uwgraph.dive.logs.log import LogReader
-from uwgraph.dive.logs.mapping import LogMapping
 from uwgraph.dive.logs.mapping_file import NAME as MAPPING_FILE
 from uwgraph.dive.logs.reading import LogOptions, Survey, read_log, survey_log
 from uwgraph.dive.model import Dive
@@ -174,7 +173,7 @@ def read_recording(
     return replace(found, dive=_aligned(found.dive)) if aligned else found
 
 
-def survey_recording(src: Path, format: str | None = None, mapping: LogMapping | None = None) -> Survey:  # noqa: A002
+def survey_recording(src: Path, format: str | None = None, options: LogOptions | None = None) -> Survey:  # noqa: A002
     """What is in a log and what would become of it; only what the reader needs to tell its topics is read.
 
     Raises
@@ -186,7 +185,7 @@ def survey_recording(src: Path, format: str | None = None, mapping: LogMapping |
     if not isinstance(reader, LogReader):
         raise ConfigError(f"format {reader.NAME} has no topics to list", where=str(src), remedy="import it as it is")
     with reader.open_log(src) as log:
-        return survey_log(log, reader, mapping)
+        return survey_log(log, reader, options or LogOptions())
 
 
 def _reader(src: Path, format: str | None) -> tuple[AnyReader, str]:  # noqa: A002

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from uwgraph.dive.folder import OriginSettings
 from uwgraph.dive.logs.images import ImageSink
 from uwgraph.dive.logs.log import Log, Progress
 from uwgraph.dive.logs.mapping import ImagesMapping, LogMapping
@@ -64,9 +63,10 @@ def assemble(
         for name, stream in mapping.by_stream().items()
         if images_into is not None or not isinstance(stream, ImagesMapping)
     }
+    stated = _stated_origin(log, mapping, wishes)
     log.pour(by_topic(list(plans.values())), progress)
     samples = _samples(plans, wishes.window, notes)
-    dive = Dive(_origin(log, mapping, wishes, samples, notes), _rig(log, mapping, wishes))
+    dive = Dive(stated or _first_place(samples, notes), _rig(log, mapping, wishes))
     if "imu" in samples:
         refuse_gaps(samples["imu"].t_ns)
     for name, build in BUILDERS.items():
@@ -111,12 +111,20 @@ def _rig(log: Log, mapping: LogMapping, wishes: Wishes) -> Rig:
     return mapping.rig if "rig" in mapping.model_fields_set else log.known.rig
 
 
-def _origin(log: Log, mapping: LogMapping, wishes: Wishes, samples: Mapping[str, Samples], notes: Notes) -> Origin:
+def _stated_origin(log: Log, mapping: LogMapping, wishes: Wishes) -> Origin | None:
+    """The origin that somebody states; None where the positions will tell. An error now if nothing will."""
     if wishes.origin is not None:
         return wishes.origin
-    stated: OriginSettings | None = mapping.origin or log.known.origin
+    stated = mapping.origin or log.known.origin
     if stated is not None:
         return Origin(float(np.radians(stated.lat_deg)), float(np.radians(stated.lon_deg)))
+    places = (mapping.streams.fixes, mapping.streams.reference)
+    if not any(place is not None and place.lat is not None for place in places):
+        raise _no_origin()
+    return None
+
+
+def _first_place(samples: Mapping[str, Samples], notes: Notes) -> Origin:
     for name in ("fixes", "reference"):
         if name in samples and "lat" in samples[name]:
             places = np.column_stack([samples[name]["lat"], samples[name]["lon"]])
@@ -124,7 +132,11 @@ def _origin(log: Log, mapping: LogMapping, wishes: Wishes, samples: Mapping[str,
             if len(known):
                 notes.conversions.append(f"origin: the first position of {name}")
                 return Origin(float(known[0, 0]), float(known[0, 1]))
-    raise DataError(
+    raise _no_origin()
+
+
+def _no_origin() -> DataError:
+    return DataError(
         "nothing in the log tells where on Earth it was",
         where="origin",
         remedy="say it: --origin LAT,LON in degrees, or 'origin: {lat_deg: ..., lon_deg: ...}' in the mapping",

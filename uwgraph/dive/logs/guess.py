@@ -110,7 +110,7 @@ def _why(topic: Topic, offers: tuple[Proposal, ...], best: dict[str, tuple[Topic
     if topic.count == 0:
         return "no messages"
     if not offers:
-        return f"{topic.type} is not known: map its fields" if topic.fields else f"{topic.type} is of no use here"
+        return "what it means is not known: map its fields" if topic.fields else "of no use here"
     could = ", ".join(offer.stream for offer in offers)
     rivals = [best[offer.stream][0].name for offer in offers if offer.stream in best]
     return f"could be {could}" + (f"; {rivals[0]} was taken" if rivals else "; needs an imu stream")

@@ -13,10 +13,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import datetime
+from itertools import takewhile
 from typing import Annotated, Any, Final, Literal, TypeAlias
 
+from pydantic import BeforeValidator, model_validator
 from pydantic import Field as Setting
-from pydantic import model_validator
 
 from uwgraph.dive.folder import OriginSettings
 from uwgraph.dive.logs.quantity import (
@@ -39,6 +40,8 @@ Axes = Literal["frd", "flu", "rfu", "luf", "rdf"]
 """Sensor or vehicle axes by name: forward/left/right/up/down for x, y, z (ROS: flu; cameras: rdf)."""
 World = Literal["ned", "enu", "nwu"]
 """Axes of a local map."""
+North = Annotated[Literal["true", "magnetic"], BeforeValidator(lambda value: "true" if value is True else value)]
+"""A plain ``true`` in YAML is meant as the word."""
 Six: TypeAlias = tuple[SpeedVariance, SpeedVariance, SpeedVariance, SpeedVariance, SpeedVariance, SpeedVariance]
 Vector: TypeAlias = tuple[Length, Length, Length]
 Camera = Annotated[str, Setting(pattern=r"^[A-Za-z0-9][\w.-]*$")]
@@ -75,23 +78,34 @@ class TopicMapping(Settings):
                 found[name] = value
         return found
 
+    def relevant(self) -> dict[str, Any]:
+        """What matters of it: the fields that are set and the settings that act on them, defaults included."""
+        values = {name: value for name, value in self if value is not None}
+        for setting, fields in _ACTS_ON.items():
+            idle = not any(field in values for field in fields)
+            if setting in values and idle and values[setting] == type(self).model_fields[setting].default:
+                del values[setting]
+        return values
+
     def in_words(self) -> str:
-        """What is taken for what: the fields with their units, and every other setting that is not a default."""
+        """What is taken for what, on one line."""
         words = []
-        for name, value in self:
-            if isinstance(value, Quantity):
-                words.append(f"{name} {value}")
-            elif isinstance(value, tuple) and value:
-                words.append(f"{name} {', '.join(map(str, value))}")
-            elif name in _ALWAYS_TOLD or (
-                name != "topic" and value not in (None, type(self).model_fields[name].default)
-            ):
-                words.append(f"{name} {value}")
+        for name, value in self.relevant().items():
+            if name == "topic" or (name not in _ACTS_ON and value == type(self).model_fields[name].default):
+                continue
+            words.append(f"{name} {_together_in_words(value) if isinstance(value, tuple) else value}")
         return "; ".join(words)
 
 
-_ALWAYS_TOLD: Final = ("axes", "world", "velocity_in", "reference", "surface_pressure_pa")
-"""Conventions that are worth a look even where they are the defaults."""
+_ACTS_ON: Final[Mapping[str, tuple[str, ...]]] = {
+    "axes": ("f", "v", "orientation", "magnetic_field", "velocity"),
+    "world": ("position", "cov", "orientation", "heading"),
+    "velocity_in": ("velocity",),
+    "reference": ("heading", "orientation", "magnetic_field"),
+    "surface_pressure_pa": ("pressure",),
+    "valid_above": ("valid",),
+}
+"""Conventions that are worth a look even where they are the defaults, and the fields that they are of."""
 
 
 class ImuMapping(TopicMapping):
@@ -171,7 +185,7 @@ class HeadingMapping(TopicMapping):
     axes: Axes = "frd"
     """Of the vehicle, for ``orientation``; of the magnetometer, for ``magnetic_field``."""
     world: World = "ned"
-    reference: Literal["true", "magnetic"] = "magnetic"
+    reference: North = "magnetic"
     sigma: Angle | None = None
 
     @model_validator(mode="after")
@@ -268,6 +282,16 @@ def _exactly_one(mapping: TopicMapping, *names: str) -> None:
     given = [name for name in names if getattr(mapping, name) is not None]
     if len(given) != 1:
         raise ValueError(f"give exactly one of {', '.join(names)}; found {', '.join(given) or 'none'}")
+
+
+def _together_in_words(quantities: tuple[Quantity, ...]) -> str:
+    """``linear_acceleration.{x, y, z} [m/s^2]``: what they share is said once."""
+    texts = list(map(str, quantities))
+    head = "".join(letters[0] for letters in takewhile(lambda same: len(set(same)) == 1, zip(*texts, strict=False)))
+    if len({q.unit for q in quantities}) > 1 or len(head) < 3 or "[" in head:
+        return ", ".join(texts)
+    unit = f" [{quantities[0].unit}]"
+    return f"{head}{{{', '.join(text[len(head) :].removesuffix(unit) for text in texts)}}}{unit}"
 
 
 def _together(mapping: TopicMapping, *names: str) -> None:

@@ -32,11 +32,13 @@ _EMPTY: Final = """\
 
 def mapping_text(mapping: LogMapping, topics: Sequence[Topic], left: Sequence[Left]) -> str:
     """The file's text; reads back as the same mapping."""
-    values = mapping.model_dump(mode="json", exclude_none=True, exclude={"left"})
+    values = mapping.model_dump(mode="json", exclude_none=True, exclude={"left", "streams", "images"})
     if mapping.rig == Rig():
         del values["rig"]
-    for empty in [name for name in ("streams", "images") if not values[name]]:
-        del values[empty]
+    for name, stream in mapping.by_stream().items():
+        kind, _, camera = name.partition("/")
+        stated = stream.model_dump(mode="json", include=set(stream.relevant()))
+        values.setdefault("images" if camera else "streams", {})[camera or kind] = stated
     text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None, allow_unicode=True, width=110)
     parts = [_HEAD, text if values else "", "" if mapping.by_stream() else f"# streams:\n{_EMPTY}"]
     return "".join(parts) + _left_text(topics, left)

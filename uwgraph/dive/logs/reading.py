@@ -50,12 +50,22 @@ class Survey:
         return mapping_text(self.mapping, self.topics, self.left)
 
 
-def survey_log(log: Log, reader: LogReader, mapping: LogMapping | None = None) -> Survey:
-    """Look at an open log; raises ConfigError when the mapping names topics that it has not."""
-    if mapping is not None:
-        return Survey(log.topics, mapping, *of_mapping(mapping, log.topics))
-    guessed = guess(log.topics, reader.proposals)
-    return Survey(log.topics, guessed.mapping, guessed.taken, guessed.left, guessed.notes)
+def survey_log(log: Log, reader: LogReader, options: LogOptions) -> Survey:
+    """Look at an open log, and write the mapping file where the options ask for it.
+
+    Raises
+    ------
+    ConfigError
+        When the mapping names topics that the log has not.
+    """
+    if options.mapping is not None:
+        survey = Survey(log.topics, options.mapping, *of_mapping(options.mapping, log.topics))
+    else:
+        guessed = guess(log.topics, reader.proposals)
+        survey = Survey(log.topics, guessed.mapping, guessed.taken, guessed.left, guessed.notes)
+    if options.mapping_out is not None:
+        _write(options.mapping_out, survey.text)
+    return survey
 
 
 def read_log(
@@ -72,9 +82,7 @@ def read_log(
     """
     try:
         with reader.open_log(path) as log:
-            survey = survey_log(log, reader, options.mapping)
-            if options.mapping_out is not None:
-                _write(options.mapping_out, survey.text)
+            survey = survey_log(log, reader, options)
             if not survey.mapping.by_stream():
                 raise _nothing(path, survey, options)
             dive, notes = assemble(log, survey.mapping, options.wishes, images_into, progress)
