@@ -258,7 +258,7 @@ class _Found:
         schema = self._schemas.get(record.schema_id) or Schema(id=0, name="", encoding="", data=b"")
         encoding = record.message_encoding
         return MessageType(
-            name=normalize_msgtype(schema.name) if encoding in ("ros1", "cdr") and schema.name else schema.name,
+            name=normalize_msgtype(schema.name) if "/" in schema.name else schema.name,
             encoding=encoding,
             definition=schema.data.decode("utf-8", "replace"),
             definition_encoding=schema.encoding,

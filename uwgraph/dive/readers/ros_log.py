@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from typing import Any, Final, Protocol
 
 from uwgraph.dive.logs.log import Known, Progress, Sink, Topic
 from uwgraph.dive.readers.ros_messages import is_known
-from uwgraph.dive.readers.ros_types import Decode, MessageType, TypeTrouble
+from uwgraph.dive.readers.ros_types import MAX_ELEMENTS, Decode, MessageType, TypeTrouble, number_paths
 from uwgraph.errors import DataError
 
 PEEK_BYTES: Final = 1 << 24
@@ -66,8 +68,8 @@ class RosLog:
 
     @cached_property
     def topics(self) -> tuple[Topic, ...]:
-        frames = self._frames()
-        return tuple(self._topic(channels, frames) for _, channels in sorted(self._by_topic.items()))
+        firsts = self._first_messages()
+        return tuple(self._topic(channels, firsts) for _, channels in sorted(self._by_topic.items()))
 
     @property
     def known(self) -> Known:
@@ -102,19 +104,20 @@ class RosLog:
                 progress(storage.share())
         progress(1.0)
 
-    def _topic(self, channels: Sequence[Channel], frames: Mapping[int, str]) -> Topic:
-        first = self._first(channels)
+    def _topic(self, channels: Sequence[Channel], firsts: Mapping[int, Any]) -> Topic:
+        chosen = self._chosen(channels)
         counts = [channel.count for channel in channels]
+        message = next((firsts[channel.id] for channel in channels if channel.id in firsts), None)
         return Topic(
-            name=first.topic,
-            type=first.kind.name,
+            name=chosen.topic,
+            type=chosen.kind.name,
             count=None if None in counts else sum(count or 0 for count in counts),
-            fields=first.kind.fields,
-            frame=next((frames[channel.id] for channel in channels if channel.id in frames), ""),
+            fields=chosen.kind.fields or tuple(islice(number_paths(message), MAX_ELEMENTS)),
+            frame=_frame(message),
         )
 
     @staticmethod
-    def _first(channels: Sequence[Channel]) -> Channel:
+    def _chosen(channels: Sequence[Channel]) -> Channel:
         """The channel whose type stands for the topic: the one with most messages."""
         return max(channels, key=lambda channel: channel.count or 0)
 
@@ -123,7 +126,7 @@ class RosLog:
         channels = self._by_topic.get(topic, [])
         if not channels:
             raise DataError("the log has no such topic", where=topic, remedy="list what it has with --list")
-        name = self._first(channels).kind.name
+        name = self._chosen(channels).kind.name
         return [channel for channel in channels if channel.kind.name == name]
 
     def _decoder(self, channel: Channel) -> Decode:
@@ -141,7 +144,7 @@ class RosLog:
         """Topics that nobody can read or that are of two kinds, by reason."""
         by_reason: dict[str, list[str]] = defaultdict(list)
         for topic, channels in sorted(self._by_topic.items()):
-            first = self._first(channels)
+            first = self._chosen(channels)
             if len({channel.kind.name for channel in channels}) > 1:
                 by_reason[f"only messages of type {first.kind.name} are taken of topics with several types"].append(
                     topic
@@ -150,33 +153,31 @@ class RosLog:
                 by_reason[reason].append(topic)
         return tuple(f"{_listed(names)}: {reason}" for reason, names in by_reason.items())
 
-    def _frames(self) -> dict[int, str]:
-        """``frame_id`` of the first message of every channel whose type is known, as far as it comes early."""
+    def _first_messages(self) -> dict[int, Any]:
+        """The first message of every channel that tells more than its type, as far as it comes early."""
         waiting: dict[int, Decode] = {}
         for channel in self._storage.channels:
-            if is_known(channel.kind.name) and any(path.startswith("header.") for path in channel.kind.fields):
-                try:
+            with suppress(TypeTrouble):
+                if channel.kind.encoding == "json" or is_known(channel.kind.name):
                     waiting[channel.id] = channel.kind.decoder()
-                except TypeTrouble:
-                    continue
-        frames: dict[int, str] = {}
+        firsts: dict[int, Any] = {}
         read = 0
         everything = [channel.id for channel in self._storage.channels]
         for count, (channel_id, _, data, _) in enumerate(self._storage.messages(everything) if waiting else ()):
             read += len(data)
             if (decode := waiting.pop(channel_id, None)) is not None:
-                frames[channel_id] = _frame(decode, data)
+                with suppress(Exception):  # a damaged message: pour says where
+                    firsts[channel_id] = decode(data)
             if not waiting or read > PEEK_BYTES or count > PEEK_MESSAGES:
                 break
-        return frames
+        return firsts
 
 
-def _frame(decode: Decode, data: bytes | memoryview) -> str:
-    try:
-        header: Any = getattr(message := decode(data), "header", None) or message["header"]
-        return str(header["frame_id"] if isinstance(header, dict) else header.frame_id)[:100]
-    except Exception:  # a damaged message: pour says where
-        return ""
+def _frame(message: Any) -> str:
+    """``header.frame_id``, where a message has it."""
+    header = message.get("header") if isinstance(message, dict) else getattr(message, "header", None)
+    frame = header.get("frame_id") if isinstance(header, dict) else getattr(header, "frame_id", "")
+    return frame[:100] if isinstance(frame, str) else ""
 
 
 def _undecodable(channel: Channel, error: Exception, where: str) -> DataError:

@@ -7,7 +7,7 @@ that unfold to billions of fields, so its parse tree is measured first.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Final
@@ -57,10 +57,8 @@ class MessageType:
     def fields(self) -> tuple[str, ...]:
         """Paths of the numbers in a message; empty where they are not known before reading."""
         try:
-            if self.encoding == "json":
-                return tuple(_json_paths(json.loads(self.definition or "{}"), "", 0))[:MAX_ELEMENTS]
-            return tuple(_paths(_checked(self), self.name, ""))
-        except (TypeTrouble, ValueError, RecursionError):
+            return () if self.encoding == "json" else tuple(_paths(_checked(self), self.name, ""))
+        except TypeTrouble:
             return ()
 
     @property
@@ -204,16 +202,15 @@ def _paths(types: _Types, name: str, prefix: str) -> list[str]:
     return found
 
 
-def _json_paths(schema: Any, prefix: str, depth: int) -> list[str]:
-    """Paths of the numbers that a JSON schema names."""
-    properties = schema.get("properties") if isinstance(schema, dict) else None
-    if not isinstance(properties, dict) or depth > MAX_DEPTH:
-        return []
-    found: list[str] = []
-    for name, part in properties.items():
-        kind = part.get("type") if isinstance(part, dict) else None
-        if kind == "object":
-            found += _json_paths(part, f"{prefix}{name}.", depth + 1)
-        elif kind in ("number", "integer", "boolean", "array"):
-            found.append(f"{prefix}{name}")
-    return found
+def number_paths(message: Any, prefix: str = "", depth: int = 0) -> Iterator[str]:
+    """Paths of the numbers in a message of JSON; of a list of objects those of its first."""
+    if isinstance(message, bool | int | float):
+        yield prefix
+    elif isinstance(message, list) and message:
+        if isinstance(message[0], dict):
+            yield from number_paths(message[0], f"{prefix}[0]", depth + 1)
+        elif isinstance(message[0], bool | int | float):
+            yield prefix
+    elif isinstance(message, dict) and depth < MAX_DEPTH:
+        for name, value in message.items():
+            yield from number_paths(value, f"{prefix}.{name}" if prefix else str(name), depth + 1)

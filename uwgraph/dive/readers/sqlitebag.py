@@ -70,7 +70,8 @@ class SqliteBag:
         database.text_factory = lambda text: text.decode("utf-8", "replace")
         database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_BLOCK)
         database.set_progress_handler(self._too_many_steps, _EVERY)
-        for pragma in ("cell_size_check = 1", "trusted_schema = 0"):
+        # the last lets SQLite read a file that is cut off; nothing can be written to it here
+        for pragma in ("cell_size_check = 1", "trusted_schema = 0", "writable_schema = 1"):
             database.execute(f"PRAGMA {pragma}")
         if not (self._has("topics") and self._has("messages")):
             raise DataError(
