@@ -14,7 +14,7 @@ from typing import Final, Protocol, TypeAlias
 
 from uwgraph.dive.logs.log import LogReader
 from uwgraph.dive.model import Dive
-from uwgraph.dive.readers import csvfile, euroc, mcapfile, native, rosbag, snapir
+from uwgraph.dive.readers import csvfile, dataflash, euroc, mcapfile, native, rosbag, snapir, tlog
 from uwgraph.errors import ConfigError, DataError
 
 
@@ -37,7 +37,7 @@ class Reader(Protocol):
 
 AnyReader: TypeAlias = Reader | LogReader
 
-READERS: Final[Sequence[AnyReader]] = (native, snapir, euroc, rosbag, mcapfile, csvfile)
+READERS: Final[Sequence[AnyReader]] = (native, snapir, euroc, rosbag, mcapfile, dataflash, tlog, csvfile)
 """In the order in which they are asked: the last takes any table, so it is taken when no other fits."""
 
 
