@@ -6,9 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, Literal
 
-import numpy as np
-
-from uwgraph.dive.readers.euroc import R_BS, R_NW
+from uwgraph.dive.logs.axes import turn
 from uwgraph.export.track import Track
 from uwgraph.types import FloatArray
 
@@ -48,11 +46,8 @@ class Axes:
         return R
 
 
-_FLIP: Final = np.diag([1.0, -1.0, -1.0])
-_ENU: Final = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-
 AXES: Final[Mapping[FrameName, Axes]] = {
-    "ned": Axes("NED", "FRD", "map_ned", "base_link_frd", np.eye(3), np.eye(3)),
-    "enu": Axes("ENU", "FLU", "map", "base_link", _ENU, _FLIP),
-    "euroc": Axes("NWU (x north, z up)", "URF (x up, y right, z forward)", "R", "S", R_NW.T, R_BS.T),
+    "ned": Axes("NED", "FRD", "map_ned", "base_link_frd", turn("ned").T, turn("frd").T),
+    "enu": Axes("ENU", "FLU", "map", "base_link", turn("enu").T, turn("flu").T),
+    "euroc": Axes("NWU", "URF (x up, y right, z forward)", "R", "S", turn("nwu").T, turn("urf").T),
 }

@@ -13,13 +13,15 @@ from uwgraph.dive.validate import validate_stream
 from uwgraph.errors import DataError
 from uwgraph.export.track import COLUMNS, Track, track_of_table
 from uwgraph.frames import geodetic_from_ned, ned_from_geodetic
-from uwgraph.types import FloatArray, Origin, Reference
+from uwgraph.types import FloatArray, Origin, Reference, stream_fields
 
 STATES: Final = "solution.parquet"
 """What makes a folder a result."""
 
 _AGREE_M: Final = 1e-3
 """m, how well n and the ellipsoid agree in a file that nobody has changed."""
+_LIMIT: Final = 1e9
+"""In SI units; nothing that moves is so far, so fast or so uncertain."""
 
 
 def is_result(folder: Path) -> bool:
@@ -75,14 +77,16 @@ def origin_from(lat: float, lon: float, height: float, p_n: FloatArray) -> Origi
 
 
 def _check(file: Path, track: Track) -> None:
-    """Stamps, angles and places as of a reference, and no state that is not known."""
+    """Stamps, angles and places as of a reference; states known and, like their 1-sigma, of sane size."""
     states = Reference(track.t_ns, track.lat, track.lon, track.height, track.rph, track.v_n)
     validate_stream("reference", states, str(file))
-    for name in ("lat", "lon", "height", "p_n", "rph", "v_n", "bias_gyro", "bias_accel"):
-        bad = ~np.isfinite(getattr(track, name)).reshape(len(track), -1).all(axis=1)
-        if bad.any():
+    for name, array in stream_fields(track):
+        may_be_unknown = name.startswith(("sigma", "cov"))
+        good = (np.abs(array) < _LIMIT) | (np.isnan(array) & may_be_unknown)
+        bad = ~good.reshape(len(track), -1).all(axis=1)
+        if name != "t_ns" and bad.any():
             raise DataError(
-                f"row {int(bad.argmax()) + 1} is not finite",
+                f"row {int(bad.argmax()) + 1} holds what is no state of a vehicle",
                 where=f"{file}: {', '.join(COLUMNS[name].columns)}",
                 remedy="smooth the dive again",
             )
