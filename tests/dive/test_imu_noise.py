@@ -1,6 +1,8 @@
 """Noise of a still IMU: Allan deviation, fitted terms, stillness, refusals."""
 
+import os
 import tracemalloc
+from pathlib import Path
 from time import perf_counter
 
 import allantools
@@ -11,6 +13,7 @@ from hypothesis import strategies as st
 from scipy.signal import butter, lfilter
 
 from uwgraph.dive.allan import allan_variance, fit_terms, model_variance
+from uwgraph.dive.imu_log import read_imu
 from uwgraph.dive.imu_noise import imu_noise
 from uwgraph.dive.noise_terms import sensor_noise
 from uwgraph.dive.rig import ImuRig
@@ -19,6 +22,7 @@ from uwgraph.simulate.imu import ImuGrade, imu_errors
 from uwgraph.simulate.noise import Noise
 from uwgraph.types import Imu
 
+DATA = Path(os.environ.get("UWGRAPH_DATA", Path(__file__).parents[3] / "shared" / "data"))
 GRAVITY_S = np.array([0.3, -0.2, -9.8])
 RIG = ImuRig(gyro_noise_density=1.2e-4, accel_noise_density=1.5e-3, gyro_bias_walk=1e-9, accel_bias_walk=1e-9)
 
@@ -255,7 +259,11 @@ def test_what_cannot_be_used_is_named():
         imu_noise(Imu(imu.t_ns, imu.f_s, dead), "log")
     with pytest.raises(DataError, match="accelerometer reads 1 m/s"):
         imu_noise(Imu(imu.t_ns, imu.f_s / 9.807, imu.w_s))
-    for count in (1, 2, 40, 200):
+    with pytest.raises(DataError, match="not in order"):
+        imu_noise(imu.select(slice(None, None, -1)))
+    with pytest.raises(DataError, match="not finite"):
+        imu_noise(Imu(imu.t_ns, imu.f_s, np.where(np.arange(3) == 1, np.nan, imu.w_s)))
+    for count in (0, 1, 2, 40, 200):
         with pytest.raises(DataError, match="still"):
             imu_noise(imu.select(slice(0, count)))
 
@@ -264,6 +272,48 @@ def test_coarse_samples_are_still():
     imu = recording(RIG, 2, 200.0, 50.0)
     w = np.round(imu.w_s / 2e-3) * 2e-3
     assert imu_noise(Imu(imu.t_ns, imu.f_s, w)).duration_s > 190.0
+
+
+# -- real recordings
+
+
+@pytest.fixture
+def recorded():
+    def read(name):
+        if not (DATA / name).exists():
+            pytest.skip(f"no {DATA / name}: set UWGRAPH_DATA to the folder of the recordings")
+        return read_imu(DATA / name)
+
+    return read
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("run", [1, 2, 4, 6, 7, 9, 12])
+def test_a_vehicle_under_way_is_refused(recorded, run):
+    imu, _ = recorded(f"snapir/Trajectory{run}")
+    with pytest.raises(DataError, match="still"):
+        imu_noise(imu)
+
+
+@pytest.mark.data
+def test_rotors_that_idle_are_no_noise(recorded):
+    """Four seconds before take-off: still, but nothing that a rig should take."""
+    imu, rig = recorded("euroc")
+    found = imu_noise(imu)
+    assert (found.start_s, found.duration_s) == (0.0, pytest.approx(4.0, abs=0.1))
+    assert found.rig(rig.imu) == rig.imu
+
+
+@pytest.mark.data
+def test_twelve_seconds_on_deck(recorded):
+    """The gyro of an autopilot's MEMS IMU; the accelerometer feels the deck."""
+    imu, rig = recorded("ardusub/small.BIN")
+    found = imu_noise(imu)
+    assert 8.0 < found.duration_s < 14.0
+    density = found.fields["gyro_noise_density"]
+    assert density.seen
+    assert 4e-5 < density.value < 1.2e-4
+    assert found.rig(rig.imu).gyro_bias_walk == rig.imu.gyro_bias_walk
 
 
 @pytest.mark.slow

@@ -68,9 +68,11 @@ def imu_noise(imu: Imu, where: str = "imu") -> ImuNoise:
     Raises
     ------
     DataError
-        When nothing in it is still for long enough, an axis is dead, or the accelerometer does not read gravity.
+        When samples are out of order or not finite, nothing is still for long enough, an axis is dead, or the
+        accelerometer does not read gravity.
     """
-    recorded_s = float((imu.t_ns[-1] - imu.t_ns[0]) * 1e-9)
+    _check_samples(imu, where)
+    recorded_s = float(imu.t_ns[-1] - imu.t_ns[0]) * 1e-9 if len(imu) else 0.0
     still = _longest_still(imu)
     stretch = imu.select(still)
     if len(stretch) < FEWEST:
@@ -80,12 +82,19 @@ def imu_noise(imu: Imu, where: str = "imu") -> ImuNoise:
             where=where,
             remedy="record the IMU at rest: minutes for the noise densities, hours for the bias walks",
         )
-    _check(stretch, where)
+    _check_sensors(stretch, where)
     rate_hz = _rate(stretch.t_ns)
     noise = {"gyro": sensor_noise(stretch.w_s, rate_hz), "accel": sensor_noise(stretch.f_s, rate_hz)}
     start_s = float((stretch.t_ns[0] - imu.t_ns[0]) * 1e-9)
     notes = tuple(_notes(stretch, rate_hz, noise))
     return ImuNoise(rate_hz, start_s, len(stretch) / rate_hz, recorded_s, noise["gyro"], noise["accel"], notes)
+
+
+def _check_samples(imu: Imu, where: str) -> None:
+    if (np.diff(imu.t_ns) <= 0).any():
+        raise DataError("stamps are not in order", where=f"{where}: t_ns", remedy="sort the samples by time")
+    if not (np.isfinite(imu.f_s).all() and np.isfinite(imu.w_s).all()):
+        raise DataError("samples are not finite", where=where, remedy="remove the rows, or repair them")
 
 
 def _longest_still(imu: Imu) -> slice:
@@ -107,7 +116,7 @@ def _rate(t_ns: TimeArray) -> float:
     return (len(t_ns) - 1) / (float(t_ns[-1] - t_ns[0]) * 1e-9)
 
 
-def _check(stretch: Imu, where: str) -> None:
+def _check_sensors(stretch: Imu, where: str) -> None:
     for name, values in (("w", stretch.w_s), ("f", stretch.f_s)):
         for axis, column in zip("xyz", values.T, strict=True):
             if np.ptp(column) == 0.0:

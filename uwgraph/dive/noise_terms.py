@@ -97,19 +97,19 @@ def sensor_noise(signals: FloatArray, rate_hz: float) -> SensorNoise:
         measured.append(allan_variance(rest, rate_hz))
     model = _explain(measured)
     powers = {term: _powers(measured, model, term) for term in TERMS}
+    shown = _shown(model, measured[0].duration_s)
     axes = tuple(
         AxisNoise(
             measured[k],
             model_variance(model.terms, measured[k].tau_s) @ np.maximum(fit.power, 0.0),
             {
-                t: _term(power[k], sigma[k], power[k] >= SEEN * sigma[k], "xyz"[k])
-                for t, (power, sigma) in powers.items()
+                term: _term(power[k], sigma[k], term in shown and power[k] >= SEEN * sigma[k], "xyz"[k])
+                for term, (power, sigma) in powers.items()
             },
             trends[k],
         )
         for k, fit in enumerate(model.fits)
     )
-    shown = _shown(model, measured[0].duration_s)
     together = {term: _together(*powers[term], term in shown) for term in TERMS}
     return SensorNoise(axes, together, float(measured[0].tau_s[model.first]), model.error, model.inflation)
 

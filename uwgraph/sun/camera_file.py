@@ -27,15 +27,15 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from uwgraph.dive.yamlfile import parse_settings, parse_yaml, read_text
+from uwgraph.dive.yamlfile import parse_settings, read_text
 from uwgraph.errors import ConfigError
 from uwgraph.sun.camera import UP_FORWARD, Analyser, Camera, Model, Port
 from uwgraph.sun.camera_formats import (
+    file_values,
     is_kalibr,
     is_matrix_file,
     is_opencv,
     kalibr_values,
-    opencv_storage,
     opencv_values,
 )
 from uwgraph.sun.sensor import Sensor
@@ -143,12 +143,12 @@ class _CameraSettings(_Settings):
         )
 
 
-def read_camera(path: Path) -> CameraFile:
-    """The camera of a file in any of the formats above.
+def read_camera(path: Path, name: str | None = None) -> CameraFile:
+    """The camera of a file in any of the formats above; ``name`` is that of one in a camchain.
 
     Kalibr's and OpenCV's files do not say how the camera sits in the vehicle (Kalibr's ``T_cam_imu`` refers to its own
     IMU): the mounting is taken as up-forward unless the caller replaces ``R_bs``. Of a camchain the first camera is
-    taken.
+    taken where none is named.
 
     Raises
     ------
@@ -156,11 +156,11 @@ def read_camera(path: Path) -> CameraFile:
         When the file cannot be read, or a field is missing or unusable; it names file and field.
     """
     text, where = read_text(path), str(path)
-    values = opencv_storage(text, where) if is_opencv(text) else parse_yaml(text, where)
-    if not isinstance(values, dict):
+    values = file_values(text, where)
+    if not values:
         raise ConfigError("holds no camera", where=where, remedy="give model, f, c and size")
     if is_kalibr(values):
-        values = kalibr_values(values, where)
+        values = kalibr_values(values, where, name)
     elif is_opencv(text) or is_matrix_file(values):
         values = opencv_values(values, where)
     return parse_settings(_CameraSettings, values, where).camera_file()

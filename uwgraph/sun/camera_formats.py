@@ -27,14 +27,27 @@ def is_kalibr(values: Mapping[str, Any]) -> bool:
     return "camera_model" in values or any("camera_model" in _dict(camera) for camera in values.values())
 
 
-def kalibr_values(chain: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """The first camera of a camchain (pinhole-radtan, pinhole-equi), or a camera by itself."""
+def kalibr_camera(chain: Mapping[str, Any], where: str, camera: str | None = None) -> tuple[dict[str, Any], str]:
+    """A camera of a camchain, the first one by default, or a camera by itself; and where it stands.
+
+    Raises
+    ------
+    ConfigError
+        When there is no such camera.
+    """
     if "camera_model" in chain:
-        camera = chain
-    else:
-        name = min(key for key in chain if "camera_model" in _dict(chain[key]))
-        camera, where = chain[name], f"{where}: {name}"
-    model, bend = str(camera["camera_model"]), str(camera.get("distortion_model", "none"))
+        return dict(chain), where
+    cameras = {str(key): value for key, value in chain.items() if "camera_model" in _dict(value)}
+    name = camera or min(cameras)
+    if name not in cameras:
+        raise ConfigError(f"there is no camera {name!r}", where=where, remedy=f"it has {', '.join(sorted(cameras))}")
+    return cameras[name], f"{where}: {name}"
+
+
+def kalibr_values(chain: Mapping[str, Any], where: str, camera: str | None = None) -> dict[str, Any]:
+    """The values of a camera of a camchain (pinhole-radtan, pinhole-equi), the first one by default."""
+    values, where = kalibr_camera(chain, where, camera)
+    model, bend = str(values["camera_model"]), str(values.get("distortion_model", "none"))
     if model != "pinhole" or bend not in _KALIBR_DISTORTION:
         raise ConfigError(
             f"camera model {model}-{bend} is not supported",
@@ -42,16 +55,16 @@ def kalibr_values(chain: Mapping[str, Any], where: str) -> dict[str, Any]:
             remedy="calibrate as pinhole-radtan or pinhole-equi",
         )
     for key, count in (("intrinsics", 4), ("resolution", 2)):
-        if not isinstance(camera.get(key), list) or len(camera[key]) != count:
+        if not isinstance(values.get(key), list) or len(values[key]) != count:
             raise ConfigError(f"needs a list of {count} numbers", where=f"{where}.{key}", remedy="export it again")
-    fu, fv, cu, cv = camera["intrinsics"]
+    fu, fv, cu, cv = values["intrinsics"]
     return {
         "model": _KALIBR_DISTORTION[bend],
         "f": [fu, fv],
         "c": [cu, cv],
-        "size": camera["resolution"],
-        "distortion": [] if bend == "none" else camera.get("distortion_coeffs"),
-        **_ours(camera),
+        "size": values["resolution"],
+        "distortion": [] if bend == "none" else values.get("distortion_coeffs"),
+        **_ours(values),
     }
 
 
@@ -63,6 +76,12 @@ def is_matrix_file(values: Mapping[str, Any]) -> bool:
 def is_opencv(text: str) -> bool:
     """Whether a text looks as ``cv2.FileStorage`` writes it."""
     return text.lstrip("\ufeff \r\n\t").startswith(("%YAML:1.0", "<?xml", "<opencv_storage")) or "!!opencv-" in text
+
+
+def file_values(text: str, where: str) -> dict[str, Any]:
+    """The keys of a calibration file: plain YAML, or as ``cv2.FileStorage`` writes it."""
+    values = opencv_storage(text, where) if is_opencv(text) else parse_yaml(text, where)
+    return _dict(values)
 
 
 def opencv_storage(text: str, where: str) -> dict[str, Any]:
