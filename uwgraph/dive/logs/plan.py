@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from uwgraph.dive.logs.sinks import NumberSink
 from uwgraph.dive.logs.stamps import in_order, stamps_of
 from uwgraph.dive.validate import SHARED_STAMPS
 from uwgraph.types import FloatArray
+
+ABSURD: Final = 1e30
+"""In SI: a number as large is a damaged one, and its square would overflow."""
 
 
 class Plan:
@@ -84,7 +88,7 @@ class Plan:
         for index, (column, scale) in enumerate(columns):
             si[:, index] = values[:, self._index[column]] if isinstance(column, str) else column
             si[:, index] *= scale
-        si[~np.isfinite(si)] = np.nan
+        si[~(np.abs(si) < ABSURD)] = np.nan
         return si[:, 0] if len(columns) == 1 else si
 
 

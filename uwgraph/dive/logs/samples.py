@@ -57,7 +57,8 @@ def usable(stream: str, samples: Samples, mapping: TopicMapping, notes: Notes) -
     good = np.ones(len(samples), dtype=np.bool_)
     for name in MANDATORY.get(stream, ()):
         if name in samples:
-            good &= np.isfinite(samples[name]).reshape(len(samples), -1).all(axis=1)
+            finite = np.isfinite(samples[name])
+            good &= finite if finite.ndim == 1 else finite.all(axis=1)
     if stream == "imu":
         good &= samples["f"].any(axis=1) if len(samples) else good
     if isinstance(mapping, FixesMapping):

@@ -119,7 +119,10 @@ def _padded(getter: Row) -> Callable[[Any], Sequence[Any]]:
 def _whole(value: Any, ns_per_unit: int) -> int:
     """Nanoseconds of a number of units, exact for whole numbers; UNKNOWN_NS for what is no time."""
     try:
-        ns = int(value) * ns_per_unit if isinstance(value, int | np.integer) else round(float(value) * ns_per_unit)
+        whole = int(value)
+        # a float of seconds has no room for nanoseconds: its fraction is scaled alone
+        part = 0 if isinstance(value, int | np.integer) else round((float(value) - whole) * ns_per_unit)
+        ns = whole * ns_per_unit + part
     except (TypeError, ValueError, OverflowError):
         return UNKNOWN_NS
     return ns if -_MAX_NS < ns < _MAX_NS else UNKNOWN_NS

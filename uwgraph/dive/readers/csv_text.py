@@ -6,6 +6,7 @@ columns that nobody wants cannot fail.
 
 from __future__ import annotations
 
+import csv
 import io
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -29,7 +30,7 @@ BLOCK: Final = 1 << 20
 SEPARATORS: Final = (",", ";", "\t")
 
 _NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)", re.IGNORECASE)
-_WHOLE: Final = re.compile(r"-?\d{10,18}")
+_WHOLE: Final = re.compile(r"-?\d{10,19}")
 _TIME: Final = re.compile(r"\d{4}[-/]\d\d[-/]\d\d([T ]\d\d:\d\d.*)?")
 _DECIMAL_COMMA: Final = re.compile(r"[-+]?\d+,\d+")
 _NO_VALUE: Final = ("", "nan", "NaN", "NAN", "NA", "N/A", "null", "NULL", "None", "-")
@@ -211,7 +212,7 @@ class _Part(io.RawIOBase):
 def _first_lines(path: Path) -> list[str]:
     try:
         with path.open("rb") as opened:
-            head = opened.read(MAX_HEAD)
+            head = opened.read(MAX_HEAD).rstrip(b"\0")
     except OSError as error:
         raise DataError(
             f"cannot be read ({error.strerror})", where=str(path), remedy="check the name and the permissions"
@@ -219,7 +220,7 @@ def _first_lines(path: Path) -> list[str]:
     if b"\0" in head or head.startswith(b"\x1f\x8b"):
         raise DataError("is no text", where=str(path), remedy="unpack or export it as CSV first")
     # whole lines only, and no half character at the cut
-    if len(head) == MAX_HEAD:
+    if len(head) == MAX_HEAD or not head.endswith(b"\n"):
         head = head[: head.rfind(b"\n") + 1]
     try:
         return head.decode("utf-8-sig").splitlines()
@@ -265,7 +266,10 @@ def _check(path: Path, names: tuple[str, ...], first: tuple[str, ...], separator
 
 
 def _cells(line: str, separator: str) -> list[str]:
-    return [cell.strip().strip('"').strip() for cell in line.split(separator)]
+    try:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
+    except csv.Error:
+        return line.split(separator)
 
 
 def _whole_end(opened: io.BufferedReader) -> int:
