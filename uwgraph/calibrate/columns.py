@@ -14,13 +14,17 @@ from collections.abc import Mapping, Sequence
 
 import gtsam
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from factors.lie import skew
 from uwgraph.calibrate.parameters import RATE, Parameter
 from uwgraph.dive.rig import Sensor
+from uwgraph.graph.builder import bend_between_pings
 from uwgraph.graph.smooth import Smoothed
 from uwgraph.types import FloatArray, TimeArray
+
+IndexArray = NDArray[np.intp]
 
 KINDS: Mapping[str, Sequence[str]] = {
     "translation_m": ("depth", "fixes"),
@@ -122,8 +126,10 @@ def _dvl(
     R_ij = R_in @ solution.R_nb[j]
     middle = (solution.t_ns[i] + solution.t_ns[j]) // 2
     R_mid = R_in @ track.rotation_at(middle)
+    bend, bend_of_lever = _bend(smoothed, i, j)
     lever = R_ij - np.eye(3)
-    q = (R_in @ (solution.p_n[j] - solution.p_n[i])[:, :, None])[..., 0] + lever @ rig.l_b
+    way = (R_in @ (solution.p_n[j] - solution.p_n[i])[:, :, None])[..., 0] + lever @ rig.l_b
+    q = way - bend
     velocity = np.einsum("kji,kj->ki", solution.R_nb, solution.v_n) + np.cross(
         _turn_rate(smoothed, solution.t_ns), rig.l_b
     )
@@ -136,11 +142,23 @@ def _dvl(
         elif p.field == "rotation_deg":
             dq[..., n] = turned[..., p.index]
         elif p.field == "translation_m":
-            dq[..., n] = lever[..., p.index]
+            dq[..., n] = (lever - bend_of_lever)[..., p.index]
         else:
             dq[..., n] = later * _clock(p, middle)[:, None]
     columns: FloatArray = to_end @ np.swapaxes(R_ij, 1, 2) @ dq
     return columns
+
+
+def _bend(smoothed: Smoothed, i: IndexArray, j: IndexArray) -> tuple[FloatArray, FloatArray]:
+    """The inertial part of the displacements, shape (N, 3), and how it grows with the lever arm, shape (N, 3, 3)."""
+    prepared, t_ns = smoothed.prepared, smoothed.solution.t_ns
+    assert prepared.dvl is not None
+    assert (j == i + 1).all()
+    still, here, *axes = (
+        bend_between_pings(prepared.imu, lever, prepared.dvl.t_ns, t_ns)[i]
+        for lever in (np.zeros(3), prepared.dive.rig.dvl.l_b, *np.eye(3))
+    )
+    return here, np.stack(axes, axis=-1) - still[..., None]
 
 
 def _clock(p: Parameter, t_ns: TimeArray) -> FloatArray:

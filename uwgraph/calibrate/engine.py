@@ -82,7 +82,7 @@ def calibrate_dives(
     freed = chosen(what, dives, "reference" if reference else "fixes", priors or Priors(), limits or Limits())
     parameters = freed + leftovers(dives, base, freed)
     begun = [started(dive, base, parameters) for dive in dives]
-    unknowns = Unknowns.of(parameters, len(dives), common_clock=common_clock)
+    unknowns = Unknowns.of(parameters, len(dives), common_clock=common_clock or len(dives) == 1)
     vehicle = [
         _Dive(label, dive, parameters, reference, _settings(dive, settings, reference))
         for label, (dive, _) in zip(labels, begun, strict=True)

@@ -183,7 +183,7 @@ def _dvl(
         l_b=np.zeros(3) if calibrated else rig.l_b,
         max_gap_s=rig.max_gap_s,
     )
-    measured = replace(measured, d_start=measured.d_start + _bend(prepared.imu, rig.l_b, dvl.t_ns, keyframes))
+    measured = replace(measured, d_start=measured.d_start + bend_between_pings(prepared.imu, rig.l_b, dvl.t_ns, keyframes))
     k = np.flatnonzero(measured.valid).tolist()
     if not calibrated:
         robust = loss(3)
@@ -202,7 +202,7 @@ def _dvl(
     return [], [block]
 
 
-def _bend(imu: BodyImu, l_b: FloatArray, pings: TimeArray, keyframes: TimeArray) -> FloatArray:
+def bend_between_pings(imu: BodyImu, l_b: FloatArray, pings: TimeArray, keyframes: TimeArray) -> FloatArray:
     """How the DVL's way between pings bends, in the axes of each interval's first keyframe, shape (K - 1, 3)."""
     around = np.gradient(imu.rotation @ l_b, (imu.t_ns - imu.t_ns[0]) * 1e-9, axis=0) if l_b.any() else 0.0
     bend_g = factors.inertial_bend(imu.t_ns, imu.velocity + around, pings, keyframes)
