@@ -68,7 +68,20 @@ def usable(stream: str, samples: Samples, mapping: TopicMapping, notes: Notes) -
     if not good.all():
         notes.conversions.append(f"{stream}: {np.count_nonzero(~good)} of {len(good)} messages say nothing: dropped")
         samples = samples.take(good)
+    if isinstance(mapping, FixesMapping):
+        samples = _without_repeats(samples, notes)
     return _thinned(stream, samples, mapping.max_rate_hz, notes)
+
+
+def _without_repeats(samples: Samples, notes: Notes) -> Samples:
+    """Without fixes that repeat the place of the one before to the last digit: what a receiver under water does."""
+    places = np.column_stack([samples[name] for name in ("lat", "lon", "position") if name in samples])
+    new = np.append(True, np.any(np.diff(places, axis=0) != 0.0, axis=1))[: len(samples)]
+    if not new.all():
+        repeats = f"{np.count_nonzero(~new)} of {len(new)} repeat the place of the one before to the last digit"
+        told = notes.conversions if new.mean() > 0.5 else notes.caveats
+        told.append(f"fixes: {repeats}: dropped, since a receiver without signal does that")
+    return samples.take(new)
 
 
 def _has_fix(samples: Samples, valid_above: float) -> BoolArray:
