@@ -88,9 +88,9 @@ def known(topic: str, t_s: float, t_ns: int) -> dict[str, Any]:
     return values[topic]
 
 
-def samples(store: Typestore, topics: dict[str, str] = TYPES) -> Iterator[Sample]:
+def samples(store: Typestore, topics: dict[str, str] = TYPES, seconds: int = SECONDS) -> Iterator[Sample]:
     """Messages of all topics in the order of time."""
-    ticks = [(n / rate, topic) for topic, rate in RATES.items() if topic in topics for n in range(SECONDS * rate)]
+    ticks = [(n / rate, topic) for topic, rate in RATES.items() if topic in topics for n in range(seconds * rate)]
     for t_s, topic in sorted(ticks):
         t_ns = START_NS + round(t_s * 1e9)
         yield topic, t_ns, made(store, topics[topic], known(topic, t_s, t_ns))
@@ -120,7 +120,7 @@ def store_of(distribution: str, extra: str = "", extra_name: str = "") -> Typest
     return store
 
 
-def write_rosbag1(path: Path, compression: str = "", topics: dict[str, str] = TYPES) -> Path:
+def write_rosbag1(path: Path, compression: str = "", topics: dict[str, str] = TYPES, seconds: int = SECONDS) -> Path:
     store = store_of("ros1_noetic")
     writer = Rosbag1Writer(path)
     if compression:
@@ -128,7 +128,7 @@ def write_rosbag1(path: Path, compression: str = "", topics: dict[str, str] = TY
     writer.chunk_threshold = 20_000
     with writer:
         links = {t: writer.add_connection(t, kind, typestore=store) for t, kind in topics.items()}
-        for topic, t_ns, message in samples(store, topics):
+        for topic, t_ns, message in samples(store, topics, seconds):
             writer.write(links[topic], t_ns + LATE_NS, store.serialize_ros1(message, topics[topic]))
     return path
 
@@ -140,6 +140,7 @@ def write_rosbag2(
     distribution: str = "ros2_humble",
     compression: str = "",
     topics: dict[str, str] = TYPES,
+    seconds: int = SECONDS,
 ) -> Path:
     store = store_of(distribution)
     writer = Rosbag2Writer(path, version=version, storage_plugin=StoragePlugin[storage.upper()])
@@ -147,7 +148,7 @@ def write_rosbag2(
         writer.set_compression(CompressionMode[compression.upper()], CompressionFormat.ZSTD)
     with writer:
         links = {t: writer.add_connection(t, kind, typestore=store) for t, kind in topics.items()}
-        for topic, t_ns, message in samples(store, topics):
+        for topic, t_ns, message in samples(store, topics, seconds):
             writer.write(links[topic], t_ns + LATE_NS, store.serialize_cdr(message, topics[topic]))
     return path
 
@@ -168,14 +169,19 @@ def as_in_foxy(folder: Path) -> Path:
 
 
 def write_mcap(
-    path: Path, encoding: str = "cdr", compression: str = "NONE", topics: dict[str, str] = TYPES, **options: Any
+    path: Path,
+    encoding: str = "cdr",
+    compression: str = "NONE",
+    topics: dict[str, str] = TYPES,
+    seconds: int = SECONDS,
+    **options: Any,
 ) -> Path:
     store = store_of("ros1_noetic" if encoding == "ros1" else "ros2_humble")
     with path.open("wb") as file:
         writer = McapWriter(file, compression=CompressionType[compression], chunk_size=20_000, **options)
         writer.start(profile="" if encoding == "json" else {"cdr": "ros2"}.get(encoding, encoding))
         links = {topic: _channel(writer, store, encoding, topic, kind) for topic, kind in topics.items()}
-        for topic, t_ns, message in samples(store, topics):
+        for topic, t_ns, message in samples(store, topics, seconds):
             writer.add_message(links[topic], t_ns + LATE_NS, _bytes(store, encoding, topics[topic], message), t_ns)
         writer.finish()
     return path
