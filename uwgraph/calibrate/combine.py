@@ -80,6 +80,8 @@ class Combined:
     covariance: FloatArray
     """What is refused is held where it starts, its prior sigma is carried into all others, and it keeps that sigma."""
     kept: BoolArray
+    shown: FloatArray
+    """1-sigma of each unknown with all of them estimated, refused or not."""
 
 
 def combine(unknowns: Unknowns, data: Information, now: FloatArray) -> Combined:
@@ -90,7 +92,8 @@ def combine(unknowns: Unknowns, data: Information, now: FloatArray) -> Combined:
     """
     M = data.matrix + np.eye(len(now))
     score = data.vector + data.matrix @ now
-    kept = np.sqrt(np.diag(np.linalg.inv(M))) <= _largest(unknowns)
+    shown = np.sqrt(np.diag(np.linalg.inv(M)))
+    kept = shown <= _largest(unknowns)
     while True:
         k, r = np.flatnonzero(kept), np.flatnonzero(~kept)
         inverse = np.linalg.inv(M[np.ix_(k, k)])
@@ -105,7 +108,7 @@ def combine(unknowns: Unknowns, data: Information, now: FloatArray) -> Combined:
         kept = still
     z = np.zeros(len(now))
     z[k] = inverse @ score[k]
-    return Combined(z, covariance, kept)
+    return Combined(z, covariance, kept, shown)
 
 
 def _largest(unknowns: Unknowns) -> FloatArray:

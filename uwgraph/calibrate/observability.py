@@ -95,7 +95,8 @@ def unseen(unknowns: Unknowns, names: Sequence[str], data: Information, found: C
             statements.append(_together(unknowns, names, together))
             confounded |= set(together)
     loose = [u for u in refused if u not in alone and u not in confounded]
-    return (*statements, *(_loose(unknowns.parameters[u], names[u]) for u in loose))
+    sigmas = found.shown * unknowns.priors
+    return (*statements, *(_loose(unknowns.parameters[u], names[u], float(sigmas[u])) for u in loose))
 
 
 def _of_the_freed(data: Information, free: BoolArray) -> FloatArray:
@@ -119,8 +120,8 @@ def _together(unknowns: Unknowns, names: Sequence[str], which: Sequence[int]) ->
     return Unseen(tuple(names[u] for u in which), text)
 
 
-def _loose(p: Parameter, name: str) -> Unseen:
-    text = f"{in_words(p)} is told too loosely (of use within {p.limit:g} {p.unit}): add {_hint(p.name)}"
+def _loose(p: Parameter, name: str, sigma: float) -> Unseen:
+    text = f"{in_words(p)} is told to {sigma:.2g} {p.unit} only, {p.limit:g} would be of use: add {_hint(p.name)}"
     return Unseen((name,), text)
 
 

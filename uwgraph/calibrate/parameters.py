@@ -34,7 +34,7 @@ class Limits(Settings):
     scale: Positive = 0.005
     rotation_deg: Positive = 0.5
     translation_m: Positive = 0.3
-    time_offset_s: Positive = 0.05
+    time_offset_s: Positive = 0.1
     clock_rate_ppm: Positive = 200.0
 
 

@@ -31,7 +31,8 @@ class Estimate:
     """Posterior 1-sigma, inflated where dives scatter more than their covariances say; the prior's where refused."""
     prior_sigma: float
     data_sigma: float
-    """1-sigma from the dives alone, the number's own prior taken off; infinite where they say nothing."""
+    """1-sigma from the dives with all that was freed estimated, the number's own prior taken off; infinite where they
+    say nothing."""
     observable: bool
     """False: refused, left as it was."""
     dives: int
@@ -98,12 +99,12 @@ def reported(
         inflation[u.places[0][i]] = s.birge
     scale = inflation * u.priors
     covariance = found.covariance * np.outer(scale, scale)
-    values = end.start + np.where(found.kept, found.z, 0.0) * u.priors
+    values = np.where(found.kept, _rounded(end.start + found.z * u.priors, np.sqrt(np.diag(covariance))), end.start)
     names = [p.name if d is None else f"{end.labels[d]}: {p.name}" for p, d in zip(u.parameters, u.dive, strict=True)]
 
     def of(which: int, dives: int, spread: float) -> Estimate:
         p, kept = u.parameters[which], bool(found.kept[which])
-        share = found.covariance[which, which]
+        share = found.shown[which] ** 2
         return Estimate(
             name=names[which],
             unit=p.unit,
@@ -148,6 +149,13 @@ def reported(
     )
 
 
+def _rounded(values: FloatArray, sigmas: FloatArray) -> FloatArray:
+    """Values with three digits of their sigma."""
+    unit = 10.0 ** (np.floor(np.log10(sigmas)) - 2)
+    digits = np.maximum(-np.log10(unit), 0.0).round().astype(int)
+    return np.array([round(float(v), int(d)) for v, d in zip(values, digits, strict=True)])
+
+
 def _scatter(end: Ending, i: int) -> Scatter:
     return scatter(end.unknowns, end.information, end.now, end.found.kept, i)
 
@@ -163,7 +171,7 @@ def _mean(p: Parameter, own: Sequence[Estimate]) -> Estimate:
         name=p.name,
         unit=p.unit,
         before=float(np.mean([e.before for e in chosen])),
-        after=float(np.mean([e.after for e in chosen])),
+        after=round(float(np.mean([e.after for e in chosen])), 9),
         sigma=max(formal, spread / np.sqrt(n)) if len(told) > 1 else formal,
         prior_sigma=p.prior,
         data_sigma=float(np.mean([e.data_sigma for e in chosen])) / np.sqrt(n),

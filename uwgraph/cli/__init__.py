@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from uwgraph.cli import check, demo, export, importing, simulate, smooth, sun
+from uwgraph.cli import calibrate, check, demo, export, importing, simulate, smooth, sun
 from uwgraph.cli.console import errors_in_words
 
 app = typer.Typer(
@@ -24,6 +24,7 @@ app.command("check", epilog=check.EXAMPLES)(check.check)
 app.command("simulate", epilog=simulate.EXAMPLES)(simulate.simulate)
 app.command("smooth", epilog=smooth.EXAMPLES)(smooth.smooth)
 app.command("export", epilog=export.EXAMPLES)(export.export)
+app.add_typer(calibrate.app, name="calibrate")
 app.add_typer(sun.app, name="sun")
 app.command("demo", epilog=demo.EXAMPLES)(demo.demo)
 

@@ -1,0 +1,83 @@
+"""A calibration in plain values, and written down: the rig, and beside it what it rests on."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uwgraph import __version__
+from uwgraph.atomic import atomic_file
+from uwgraph.calibrate.combine import TOLD
+from uwgraph.calibrate.result import Calibration, Estimate
+from uwgraph.dive.rigfile import write_rig
+
+CRITERION = (
+    f"told: 1-sigma at most {TOLD:g} of the prior's, and within the limit of use; all else is left at the rig's value"
+)
+
+
+def as_plain(calibration: Calibration) -> dict[str, Any]:
+    """Everything, as JSON takes it: what is not a number is None."""
+    values = {
+        "what": calibration.what,
+        "converged": calibration.converged,
+        "iterations": calibration.iterations,
+        "criterion": CRITERION,
+        "estimates": [asdict(e) for e in calibration.estimates],
+        "clocks": [asdict(e) for e in calibration.clocks],
+        "correlations": {
+            dive: {sensor: asdict(c) for sensor, c in found.items()} for dive, found in calibration.correlations.items()
+        },
+        "not_shown": [asdict(u) for u in calibration.unseen],
+        "covariance": {"names": calibration.names, "matrix": calibration.covariance},
+        "rig": calibration.rig.model_dump(mode="json"),
+    }
+    plain: dict[str, Any] = _plain(values)
+    return plain
+
+
+def report_file(rig_file: Path) -> Path:
+    """Where the report of a rig file goes: beside it."""
+    return rig_file.with_suffix(".json")
+
+
+def write_calibration(calibration: Calibration, rig_file: Path) -> None:
+    """The rig as YAML, and the report with the covariance beside it as JSON; each whole or not at all.
+
+    Raises
+    ------
+    DataError
+        When the place cannot be written.
+    """
+    dives = ", ".join(calibration.rigs)
+    told = [line(e) for e in calibration.estimates if e.observable]
+    remarks = [f"uwgraph {__version__}, calibrate {calibration.what} from {dives}", *told]
+    remarks += [f"not told: {u.text}" for u in calibration.unseen]
+    with atomic_file(report_file(rig_file)) as partial:
+        partial.write_text(json.dumps(as_plain(calibration), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_rig(calibration.rig, rig_file, [*remarks, f"covariance: {report_file(rig_file).name}"])
+
+
+def line(e: Estimate) -> str:
+    """As in ``dvl.scale 0.99884 +- 0.0006``."""
+    return f"{e.name} {figure(e.after, e.sigma)} +- {e.sigma:.2g} {e.unit}".rstrip()
+
+
+def figure(value: float, sigma: float) -> str:
+    """A value with two digits of its sigma."""
+    digits = 2 - int(np.floor(np.log10(sigma))) - 1 if 0.0 < sigma < np.inf else 4
+    return f"{value:.{min(max(digits, 0), 9)}f}"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
