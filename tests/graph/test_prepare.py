@@ -162,3 +162,21 @@ def test_a_magnetic_heading_needs_a_declination(dive: Dive) -> None:
 def test_an_empty_dive_is_refused() -> None:
     with pytest.raises(DataError, match="no IMU samples"):
         prepare(Dive(ORIGIN))
+
+
+@pytest.mark.parametrize("first_ms", [-4, 4])
+def test_an_imu_that_jitters_at_its_start_is_integrated(dive: Dive, first_ms: int) -> None:
+    """The edge before the first sample never lies before what the preintegration takes for it."""
+    assert dive.imu is not None
+    t_ns = dive.imu.t_ns.copy()
+    t_ns[0] += first_ms * 1_000_000
+    found = prepare(replace(dive, imu=replace(dive.imu, t_ns=t_ns)))
+    assert 2 * t_ns[0] - t_ns[1] <= found.imu.t_ns[0] < t_ns[0]
+
+
+def test_an_imu_that_is_too_slow_is_refused_with_what_to_log(dive: Dive) -> None:
+    assert dive.imu is not None
+    rate = 1e9 / np.median(np.diff(dive.imu.t_ns))
+    slow = dive.imu.select(slice(None, None, round(rate / 2.0)))
+    with pytest.raises(DataError, match=r"2 Hz.*\n.*SR0_RAW_SENS"):
+        prepare(replace(dive, imu=slow))

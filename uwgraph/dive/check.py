@@ -9,10 +9,11 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from uwgraph.dive.checks.aiding import check_depth, check_dvl, check_headings, check_presence, check_sun
+from uwgraph.dive.checks.aiding import check_depth, check_dvl, check_headings, check_sun
 from uwgraph.dive.checks.clocks import check_clocks
 from uwgraph.dive.checks.finding import Finding, Level, Subject
 from uwgraph.dive.checks.inertial import check_imu
+from uwgraph.dive.checks.presence import check_presence
 from uwgraph.dive.checks.stamps import check_stamps
 from uwgraph.dive.inertial_track import inertial_track
 from uwgraph.dive.model import Dive

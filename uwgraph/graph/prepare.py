@@ -13,6 +13,7 @@ import numpy as np
 
 from factors.lie import cumulative_rotation, exp_so3
 from uwgraph.dive import Dive
+from uwgraph.dive.checks.presence import too_slow
 from uwgraph.errors import DataError
 from uwgraph.frames import earth_rate_n
 from uwgraph.graph.rest import Rest, rest_at_start
@@ -96,10 +97,13 @@ def prepare(dive: Dive) -> Prepared:
     Raises
     ------
     DataError
-        When there is no IMU, or a magnetic heading without a declination.
+        When there is no IMU or one that is too slow, or a magnetic heading without a declination.
     """
     if dive.imu is None or len(dive.imu) < 2:
         raise DataError("the dive has no IMU samples", where="imu", remedy="smoothing needs imu.parquet or imu.csv")
+    slow = too_slow(dive.imu)
+    if slow is not None:
+        raise DataError(slow.message, where="imu", remedy=slow.remedy)
     rig = dive.rig
     raw = body_imu(dive.imu, rig.imu.R_bs, rig.imu.time_offset_ns)
     span = (raw.t_ns[0], raw.t_ns[-1])
@@ -120,9 +124,9 @@ def prepare(dive: Dive) -> Prepared:
 
 
 def body_imu(imu: Imu, R_bs: FloatArray, offset_ns: int) -> BodyImu:
-    """The IMU in body axes, with the edge before the first sample put one typical period earlier."""
+    """The IMU in body axes, with the edge before the first sample put a period earlier: the first or the usual one."""
     t = imu.t_ns + offset_ns
-    first = t[0] - int(np.median(np.diff(t)))
+    first = t[0] - min(int(np.median(np.diff(t))), int(t[1] - t[0]))
     return BodyImu(np.concatenate([[first], t]), imu.f_s @ R_bs.T, imu.w_s @ R_bs.T)
 
 

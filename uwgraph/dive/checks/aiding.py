@@ -179,22 +179,6 @@ def check_sun(subject: Subject) -> Iterator[Finding]:
         yield Finding("ok", "sun", "above horizon", f"{below:.0%} point below the horizon", value=below, limit=0.01)
 
 
-def check_presence(dive: Dive) -> Iterator[Finding]:
-    """Streams that smoothing misses, and what that costs."""
-    if dive.imu is None or len(dive.imu) < 2:
-        yield Finding(
-            "error", "imu", "presence", "there are no inertial samples", "nothing can be smoothed without them"
-        )
-    if dive.dvl is None:
-        level: Level = "info" if dive.fixes is not None else "warning"
-        yield Finding(level, "dvl", "presence", "missing: position drifts with the cube of time between fixes")
-    if dive.depth is None:
-        yield Finding("info", "depth", "presence", "missing: depth is known from fixes at best")
-    if dive.sun is None and dive.heading is None and dive.fixes is None:
-        message = "missing, like sun and fixes: heading drifts with the gyro, and its start must be given"
-        yield Finding("info", "heading", "presence", message)
-
-
 def _seconds(dive: Dive, name: str) -> FloatArray:
     """Stamps since the IMU's first, the rig's offset applied."""
     assert dive.imu is not None
