@@ -148,7 +148,8 @@ def _print(report: ImportReport) -> None:
     _print_topics(report.taken, report.left)
     rows = [(s.name, str(s.count), f"{s.rate_hz:.6g}", f"{s.span_s:.3f}", s.start) for s in report.streams]
     print_table(report.destination, ("stream", "samples", "rate [Hz]", "span [s]", "from"), rows)
-    for heading, notes in (("conversions", report.conversions), ("caveats", report.caveats)):
+    told = {"conversions": report.conversions, "caveats": report.caveats, "for smoothing": report.missing}
+    for heading, notes in told.items():
         if notes:
             print(f"{heading}:")
             print("\n".join(f"  - {line}" for line in notes))

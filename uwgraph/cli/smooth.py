@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -51,6 +52,7 @@ def smooth(
     from uwgraph.cli.job import smooth_and_write
     from uwgraph.cli.options import settings_from
     from uwgraph.cli.source import load_dive
+    from uwgraph.dive.checks.presence import missing_in_words
     from uwgraph.evaluate.output import refuse_taken
     from uwgraph.graph import SmoothSettings
 
@@ -64,6 +66,8 @@ def smooth(
     wanted = settings_from(SmoothSettings, settings, asked)
     refuse_taken(out, overwrite=force)
     loaded = load_dive(dive)
+    for line in missing_in_words(loaded):
+        note(line)
     with progress_bar() as progress:
         figures = smooth_and_write(
             loaded,
@@ -79,4 +83,13 @@ def smooth(
         print_json(figures | {"output": str(out)})
     else:
         print_metrics(figures, str(dive))
+        _tell_sigma(figures)
         note(f"results in {out}")
+
+
+def _tell_sigma(figures: Mapping[str, Any]) -> None:
+    """How sure the solution is of its last state."""
+    final = {name: sigma["final"] for name, sigma in figures.get("sigma", {}).items() if sigma["final"] is not None}
+    if final:
+        words = (f"{name.rpartition('_')[0]} {value:.3g} {name.rpartition('_')[2]}" for name, value in final.items())
+        note(f"1-sigma at the end: {', '.join(words)}")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from uwgraph.atomic import atomic_folder
+from uwgraph.dive.checks.presence import missing_in_words
 from uwgraph.dive.folder import HEADER, TableFormat, copy_images, fill_folder
 from uwgraph.dive.logs.guess import Left, Taken
 from uwgraph.dive.logs.log import LogReader
@@ -56,6 +57,8 @@ class ImportReport:
     """Of a log: the topics that became streams ..."""
     left: tuple[Left, ...] = ()
     """... and those that did not."""
+    missing: tuple[str, ...] = ()
+    """What smoothing misses, in words."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +136,7 @@ def import_dive(
         caveats=_notes(found.dive.provenance, "caveats"),
         taken=found.survey.taken if found.survey else (),
         left=found.survey.left if found.survey else (),
+        missing=missing_in_words(found.dive),
     )
 
 
