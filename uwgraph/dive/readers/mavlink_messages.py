@@ -38,14 +38,17 @@ AUTOPILOT_IMU: Final = ImuRig(
 )
 """The MEMS IMU of an autopilot among thrusters: twice its data sheet's noise; biases as they are after power-up."""
 
+LARGEST_TRIM_DEG: Final = 15.0
+"""ArduPilot allows 10; more is a damaged log."""
+
 WATER, AIR, MAGNETIC, PLACED = "water", "air", "magnetic", "placed"
 """What a log says of a barometer, of a heading's north, and of a filter that knew where it was."""
 
 
 def autopilot_rig(parameters: Mapping[str, float]) -> Rig:
     """The rig of an ArduSub vehicle: grades of its sensors, and the trim of its autopilot's mounting."""
-    trim = [-degrees(parameters.get(f"AHRS_TRIM_{axis}", 0.0)) for axis in "XY"]
-    rotation = (*trim, 0.0) if all(abs(angle) < 45.0 for angle in trim) else (0.0, 0.0, 0.0)
+    trim = [degrees(parameters.get(f"AHRS_TRIM_{axis}", 0.0)) for axis in "XY"]
+    rotation = (*trim, 0.0) if all(abs(angle) < LARGEST_TRIM_DEG for angle in trim) else (0.0, 0.0, 0.0)
     return Rig(
         imu=AUTOPILOT_IMU.model_copy(update={"rotation_deg": rotation}),
         dvl=DvlRig(sigma=0.03, scale_sigma=0.005, misalignment_sigma_deg=1.0),
