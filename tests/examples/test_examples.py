@@ -78,3 +78,12 @@ def test_sun_heading_factor() -> None:
     headings = [float(line.split("heading")[-1].split()[0]) for line in done.stdout.splitlines()]
     assert len(headings) == 3
     assert all(abs(heading - 215.0) < 1.0 for heading in headings)
+
+
+def test_own_csv() -> None:
+    done = run("05_own_csv.py", 60)
+    assert done.returncode == 0, done.stderr
+    lines = [line.split() for line in done.stdout.splitlines()]
+    assert [line[0] for line in lines[:3]] == ["imu", "dvl", "depth"]
+    assert [int(line[1]) for line in lines[:3]] == [6000, 301, 301]
+    assert 20.0 < float(lines[3][2]) < 80.0

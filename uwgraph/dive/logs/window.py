@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from uwgraph.dive.validate import MAX_IMU_GAP_S
 from uwgraph.errors import DataError
 from uwgraph.time import NS, isoformat
 from uwgraph.types import TimeArray
+
+MS: Final = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,9 @@ def refuse_gaps(t_ns: TimeArray) -> None:
         return
     firsts, lasts = np.append(0, gaps + 1), np.append(gaps, len(t_ns) - 1)
     longest = int(np.argmax(t_ns[lasts] - t_ns[firsts]))
-    first, last = (int(t_ns[rows[longest]]) for rows in (firsts, lasts))
+    # rounded outwards to what a command line keeps of a time
+    first = int(t_ns[firsts[longest]]) // MS * MS
+    last = -(-int(t_ns[lasts[longest]]) // MS) * MS
     worst = int(gaps[np.argmax(np.diff(t_ns)[gaps])])
     raise DataError(
         f"no IMU sample for {(t_ns[worst + 1] - t_ns[worst]) / NS:.1f} s after {isoformat(int(t_ns[worst]))} "
