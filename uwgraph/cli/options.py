@@ -53,3 +53,22 @@ def utc_ns(text: str, where: str) -> int:
         raise ConfigError(f"{text!r} is no time", where=where, remedy="write 2022-06-08T09:00:00Z") from error
     except DataError as error:
         raise ConfigError(error.problem, where=where, remedy=error.remedy) from error
+
+
+def instant(text: str | None, where: str) -> int | float | None:
+    """Seconds from the start as a float, or nanoseconds UTC of an ISO 8601 time with a zone; None for None.
+
+    Raises
+    ------
+    ConfigError
+        When it is neither.
+    """
+    if text is None:
+        return None
+    try:
+        seconds = float(text)
+    except ValueError:
+        return utc_ns(text, where)
+    if not abs(seconds) <= 1e9:
+        raise ConfigError(f"{text!r} is no time", where=where, remedy="give seconds from the start")
+    return seconds
