@@ -98,8 +98,8 @@ def test_part_of_a_recording(dive, between, still):
     ("arguments", "error", "message"),
     [
         (("--from", "210"), DataError, "still"),
-        (("--from", "400"), ConfigError, "no samples are left"),
-        (("--to", "-1"), ConfigError, "no samples are left"),
+        (("--from", "400"), DataError, "holds nothing"),
+        (("--to", "-1"), DataError, "holds nothing"),
         (("--from", "nan"), ConfigError, "--from"),
         (("--from", "1e300"), ConfigError, "--from"),
         (("--to", "yesterday"), ConfigError, "--to"),

@@ -96,19 +96,19 @@ def test_terms_are_recovered_within_their_sigmas(truth, rate_hz, count, within):
 
 def test_densities_of_the_simulator_from_ten_minutes():
     errors = []
-    for seed in range(20):
-        found = imu_noise(recording(RIG, seed, 600.0, 50.0))
+    for seed in range(14):
+        found = imu_noise(recording(RIG, seed, 600.0, 30.0))
         for name in ("gyro_noise_density", "accel_noise_density"):
             term = found.fields[name]
             assert term.seen
             assert abs(term.value / getattr(RIG, name) - 1.0) < 0.02
             errors.append((term.value - getattr(RIG, name)) / term.sigma)
-    assert 0.5 < np.mean(np.square(errors)) < 1.7  # 40 of them: 0.2 and 99.8 %
+    assert 0.41 < np.mean(np.square(errors)) < 1.88  # chi-square of 28: 0.2 and 99.8 %
 
 
 def test_what_ten_minutes_cannot_show_is_refused():
     false = 0
-    for seed in range(25):
+    for seed in range(14):
         found = imu_noise(recording(RIG, seed, 600.0, 20.0))
         for name in ("gyro_bias_walk", "accel_bias_walk"):
             term = found.fields[name]
@@ -116,7 +116,7 @@ def test_what_ten_minutes_cannot_show_is_refused():
             assert term.limit > getattr(RIG, name)
             if not term.seen:
                 assert getattr(found.rig(ImuRig()), name) == getattr(ImuRig(), name)
-    assert false <= 3
+    assert false <= 2
 
 
 def test_bias_walk_of_the_simulator_from_hours():
@@ -133,7 +133,7 @@ def test_bias_walk_of_the_simulator_from_hours():
 
 def test_a_faint_walk_is_said_to_be_at_most_so_large():
     rig = RIG.model_copy(update={"gyro_bias_walk": 1.5e-6})
-    for seed in range(10):
+    for seed in range(5):
         term = imu_noise(recording(rig, seed, 900.0, 10.0)).fields["gyro_bias_walk"]
         assert term.limit > 0.8 * rig.gyro_bias_walk
 
@@ -173,7 +173,7 @@ def test_a_linear_trend_changes_nothing_and_is_told():
     assert any("linear trend" in note and "rad/s" in note for note in told.notes)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.floats(1e-9, 1e6), st.integers(0, 1000))
 def test_scaling_the_signal_scales_the_terms(scale, seed):
     y = noise_of(np.random.default_rng(seed), 4000, 10.0, 1.0, K=0.02)
@@ -314,6 +314,14 @@ def test_twelve_seconds_on_deck(recorded):
     assert density.seen
     assert 4e-5 < density.value < 1.2e-4
     assert found.rig(rig.imu).gyro_bias_walk == rig.imu.gyro_bias_walk
+
+
+@pytest.mark.data
+def test_a_dive_sampled_slowly_is_not_still(recorded):
+    """Telemetry at 2 Hz: so slow that motion looks like noise from sample to sample."""
+    imu, _ = recorded("ardusub/small.tlog")
+    with pytest.raises(DataError, match="still"):
+        imu_noise(imu)
 
 
 @pytest.mark.slow

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from uwgraph.cli.console import note, print_json, print_table
-from uwgraph.errors import ConfigError, DataError
+from uwgraph.errors import DataError
 
 if TYPE_CHECKING:
     from uwgraph.dive.imu_noise import ImuNoise
     from uwgraph.dive.noise_terms import SensorNoise, Term
     from uwgraph.dive.rig import ImuRig
-    from uwgraph.types import Imu
 
 EXAMPLES = """Examples:
 
@@ -23,16 +21,13 @@ EXAMPLES = """Examples:
 
 [bold]uwgraph calibrate noise dives/run1 --to 90[/bold] (on deck, before the dive)"""
 
-Moment = Annotated[
-    str | None,
-    typer.Option("--from", metavar="T", help="Look from here on: seconds from the first sample, or a time with zone."),
-]
-
 
 def noise(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="A recording at rest, or a dive with a still part.")],
-    from_: Moment = None,
-    to: Annotated[str | None, typer.Option("--to", metavar="T", help="Look up to here.")] = None,
+    from_: Annotated[
+        str | None, typer.Option("--from", metavar="T", help="Look from here on: ISO 8601, or seconds from the start.")
+    ] = None,
+    to: Annotated[str | None, typer.Option("--to", metavar="T", help="Look up to here, likewise.")] = None,
     mapping: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Which topic is the IMU: a mapping file, as import writes it.")
     ] = None,
@@ -47,15 +42,21 @@ def noise(
 
     The longest stretch without motion is taken. What it is too short to show is refused: left as it is.
     """
+    from uwgraph.cli.options import instant
     from uwgraph.dive.imu_log import read_imu
     from uwgraph.dive.imu_noise import imu_noise
     from uwgraph.dive.logs.mapping import LogMapping
+    from uwgraph.dive.logs.window import Window
     from uwgraph.dive.rigfile import write_rig
     from uwgraph.dive.yamlfile import read_settings
 
     refuse_existing(out, force)
-    imu, rig = read_imu(log, None if mapping is None else read_settings(LogMapping, mapping))
-    found = imu_noise(_part(imu, from_, to), str(log))
+    imu, rig = read_imu(
+        log,
+        None if mapping is None else read_settings(LogMapping, mapping),
+        Window(instant(from_, "--from"), instant(to, "--to")),
+    )
+    found = imu_noise(imu, str(log))
     shown = [name for name, term in found.fields.items() if term.seen]
     if plot is not None:
         from uwgraph.evaluate.noise_plot import noise_plot
@@ -83,34 +84,6 @@ def refuse_existing(out: Path | None, force: bool) -> None:
     """Do not replace a file without being told to, and say so before long work is begun."""
     if out is not None and out.exists() and not force:
         raise DataError("there is such a file", where=str(out), remedy="choose another name, or --force to replace it")
-
-
-def _part(imu: Imu, from_: str | None, to: str | None) -> Imu:
-    """The samples between two moments."""
-    start, end = int(imu.t_ns[0]), int(imu.t_ns[-1])
-    first = start if from_ is None else _moment(from_, start, "--from")
-    last = end if to is None else _moment(to, start, "--to")
-    part = imu.select((imu.t_ns >= first) & (imu.t_ns <= last))
-    if len(part) < 2:
-        raise ConfigError(
-            "no samples are left",
-            where="--from, --to",
-            remedy=f"the recording has {(end - start) * 1e-9:.1f} s",
-        )
-    return part
-
-
-def _moment(text: str, start_ns: int, where: str) -> int:
-    """Nanoseconds UTC of seconds from the start, or of a time with its zone."""
-    from uwgraph.cli.options import utc_ns
-
-    try:
-        seconds = float(text)
-    except ValueError:
-        return utc_ns(text, where)
-    if not math.isfinite(seconds) or abs(seconds) > 1e9:
-        raise ConfigError(f"{text!r} is no time", where=where, remedy="give seconds from the first sample")
-    return start_ns + round(seconds * 1e9)
 
 
 def _print(found: ImuNoise, rig: ImuRig, title: str) -> None:

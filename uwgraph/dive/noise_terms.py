@@ -16,6 +16,8 @@ SEEN: Final = 3.0
 """Sigmas by which a term's power must differ from zero."""
 MISFIT: Final = 1e-4
 """Probability of residuals (or of a scatter of the axes) so large, below which they are not put down to chance."""
+DOUBT: Final = 0.01
+"""The same for the shortest averaging times, which are soon given up: a filter of the sensor lowers them by and by."""
 LEAST_OCTAVES: Final = 5
 """Averaging times that are never given up for a better fit."""
 LONGEST_START_S: Final = 1.0
@@ -82,10 +84,16 @@ class _Model:
     fits: tuple[Fit, ...]
 
     @property
+    def chance(self) -> float:
+        """Probability of residuals at least as large."""
+        return float(chi2.sf(sum(f.chi2 for f in self.fits), sum(f.dof for f in self.fits)))
+
+    @property
     def inflation(self) -> float:
         """What the sigmas must be multiplied by; 1 where the residuals are put down to chance."""
-        misfit, dof = sum(f.chi2 for f in self.fits), sum(f.dof for f in self.fits)
-        return 1.0 if chi2.sf(misfit, dof) > MISFIT else float(np.sqrt(misfit / dof))
+        if self.chance > MISFIT:
+            return 1.0
+        return float(np.sqrt(sum(f.chi2 for f in self.fits) / sum(f.dof for f in self.fits)))
 
 
 def sensor_noise(signals: FloatArray, rate_hz: float) -> SensorNoise:
@@ -129,9 +137,9 @@ def _explain(measured: Sequence[AllanVariance]) -> _Model:
     for error in (0.0, MODEL_ERROR):
         for first in range(last + 1):
             tried.append(_seen_terms(measured, first, error))
-            if tried[-1].inflation == 1.0:
+            if tried[-1].chance > DOUBT:
                 return tried[-1]
-    return min(tried, key=lambda model: model.inflation)
+    return max(tried, key=lambda model: (model.chance, -model.inflation))
 
 
 def _seen_terms(measured: Sequence[AllanVariance], first: int, error: float) -> _Model:

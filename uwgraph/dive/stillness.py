@@ -14,6 +14,10 @@ BLOCKS: Final = 16
 """Parts of a window whose scatter tells how much its mean may err."""
 JUMP: Final = 12.0
 """Sigmas of the quietest stretch by which the means of neighbouring windows may differ."""
+MOST_RATE: Final = 5e-3
+"""rad/s; no gyro at rest differs more from window to window, however much noise it seems to have."""
+MOST_FORCE: Final = 0.1
+"""m/s^2; the same for accelerometers: half a degree of tilt."""
 SHAKE: Final = 5.0
 """How many times the quietest stretch's standard deviation a window may have."""
 SHORTEST: Final = 3
@@ -31,14 +35,15 @@ def longest_still(imu: Imu, rate_hz: float) -> slice:
     if count < SHORTEST:
         return slice(0, 0)
     joined, calm = np.ones(count - 1, dtype=np.bool_), np.ones(count, dtype=np.bool_)
-    for column in (*imu.f_s.T, *imu.w_s.T):
-        _judge(column[: count * length].reshape(count, length), joined, calm)
+    for signals, most in ((imu.f_s, MOST_FORCE), (imu.w_s, MOST_RATE)):
+        for column in signals.T:
+            _judge(column[: count * length].reshape(count, length), most, joined, calm)
     joined &= calm[1:] & calm[:-1]
     first, stop = _longest_run(joined)
     return slice(first * length, (stop + 1) * length) if stop - first + 1 >= SHORTEST else slice(0, 0)
 
 
-def _judge(windows: FloatArray, joined: BoolArray, calm: BoolArray) -> None:
+def _judge(windows: FloatArray, most: float, joined: BoolArray, calm: BoolArray) -> None:
     """Clear ``joined`` where the mean jumps to the next window, and ``calm`` where one shakes, in windows (K, L)."""
     steps = np.abs(np.diff(windows.ravel()))
     resolution = float(steps[steps > 0.0].min(initial=np.inf))
@@ -47,7 +52,7 @@ def _judge(windows: FloatArray, joined: BoolArray, calm: BoolArray) -> None:
     means = windows[:, : per_block * BLOCKS].reshape(len(windows), BLOCKS, per_block).mean(axis=2)
     white = 0.5 * (np.diff(means, axis=1) ** 2).mean(axis=1)
     allowed = JUMP * np.sqrt(2.0 / BLOCKS * max(_quietest(white), floor))
-    joined &= np.abs(np.diff(means.mean(axis=1))) <= allowed
+    joined &= np.abs(np.diff(means.mean(axis=1))) <= min(allowed, most)
     variance = windows.var(axis=1)
     calm &= variance <= SHAKE**2 * max(_quietest(variance), floor)
 
