@@ -197,6 +197,22 @@ def test_a_mapping_is_checked_before_anything_is_read(streams: Any, words: str) 
     assert log.poured == []
 
 
+def test_an_imu_whose_z_points_up_is_told_in_words_of_the_mapping() -> None:
+    """Guessed as frd, it is flu."""
+    flu = [(t, Message(f=Message(x=0.1, y=0.2, z=9.8), w=message.w)) for t, message in imu_messages()]
+    log = MemoryLog({"imu": flu, "fix": fix_messages()})
+    with pytest.raises(DataError, match="upside down") as caught:
+        read(log)
+    assert "axes: flu" in caught.value.remedy
+    dive, _ = read(
+        MemoryLog({"imu": flu, "fix": fix_messages()}),
+        mapping=mapped(
+            imu={"topic": "imu", **IMU, "axes": "flu"}, fixes={"topic": "fix", "lat": "lat [deg]", "lon": "lon [deg]"}
+        ),
+    )
+    validate_dive(dive)
+
+
 def test_a_number_stands_for_a_field() -> None:
     mapping = mapped(
         fixes={"topic": "fix", "lat": "lat [deg]", "lon": "lon [deg]"},

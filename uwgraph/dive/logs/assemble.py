@@ -71,8 +71,10 @@ def assemble(
         refuse_gaps(samples["imu"].t_ns)
     for name, build in BUILDERS.items():
         if name in samples:
-            stream: Any = build(samples[name], plans[name].mapping, dive, notes)
+            # taken out, since a long log fills the memory once, not twice
+            stream: Any = build(samples.pop(name), plans[name].mapping, dive, notes)
             dive = replace(dive, **{name: stream}) if len(stream) else _without(name, dive, notes)
+    _refuse_upside_down(dive)
     images = {
         camera: found
         for name, plan in plans.items()
@@ -103,6 +105,17 @@ def _samples(plans: Mapping[str, Plan], window: Window, notes: Notes) -> dict[st
 def _without(name: str, dive: Dive, notes: Notes) -> Dive:
     notes.caveats.append(f"{name}: nothing usable; left out")
     return dive
+
+
+def _refuse_upside_down(dive: Dive) -> None:
+    """A wrong guess of axes, told in the mapping's words."""
+    if dive.imu is not None and (f_z := float((dive.rig.imu.R_bs @ dive.imu.f_s.mean(axis=0))[2])) > 0:
+        raise DataError(
+            f"the mean specific force along z is {f_z:+.2f} m/s^2: the vehicle would hang upside down",
+            where="imu: axes",
+            remedy="set 'axes: flu' of imu in the mapping (--mapping-out writes one), or the mounting in "
+            "rig.imu.rotation_deg",
+        )
 
 
 def _rig(log: Log, mapping: LogMapping, wishes: Wishes) -> Rig:
@@ -139,7 +152,7 @@ def _no_origin() -> DataError:
     return DataError(
         "nothing in the log tells where on Earth it was",
         where="origin",
-        remedy="say it: --origin LAT,LON in degrees, or 'origin: {lat_deg: ..., lon_deg: ...}' in the mapping",
+        remedy="say it: import --origin LAT,LON in degrees, or 'origin: {lat_deg: ..., lon_deg: ...}' in the mapping",
     )
 
 

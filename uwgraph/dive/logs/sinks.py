@@ -91,9 +91,11 @@ class NumberSink:
             self._field.frombytes(whole_ns(times, self._ns_per_unit).tobytes())
 
     def poured(self) -> Poured:
-        """What has come in; the sink takes no more after that."""
+        """What has come in, handed over: the sink is empty after that."""
         values: FloatArray = np.frombuffer(self._values, dtype=np.float64).reshape(len(self), len(self.paths))
-        return Poured(_stamps(self._log), _optional(self._header), _optional(self._field), values, self._zoneless)
+        poured = Poured(_stamps(self._log), _optional(self._header), _optional(self._field), values, self._zoneless)
+        self._values, self._log, self._header, self._field = array("d"), array("q"), array("q"), array("q")
+        return poured
 
     def _begin(self, message: Any) -> None:
         self._row = row_getter(self.paths, message) if self.paths else lambda message: ()

@@ -102,7 +102,7 @@ def reference(samples: Samples, mapping: ReferenceMapping, dive: Dive, notes: No
     R_nb = np.full((len(samples), 3, 3), np.nan)
     rph = samples["rph"] if "rph" in samples else np.full((len(samples), 3), np.nan)
     if "orientation" in samples:
-        known = np.linalg.norm(np.nan_to_num(samples["orientation"]), axis=1) > 0.5
+        known = np.linalg.norm(samples["orientation"], axis=1) > 0.5
         R_nb[known] = turned_attitude(samples["orientation"][known], mapping.axes, mapping.world)
         R_nb = _local(R_nb, lat, lon, dive.origin) if "position" in samples else R_nb
         rph = rph_from_matrix(R_nb)
