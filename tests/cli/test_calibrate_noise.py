@@ -5,12 +5,10 @@ import re
 
 import numpy as np
 import pytest
-import typer
 import yaml
 from typer.testing import CliRunner
 
-from uwgraph.cli.calibrate_import import import_
-from uwgraph.cli.calibrate_noise import noise
+from uwgraph.cli.calibrate import app
 from uwgraph.dive.folder import write_dive
 from uwgraph.dive.model import Dive
 from uwgraph.dive.rig import DvlRig, ImuRig, Rig
@@ -24,10 +22,6 @@ from uwgraph.types import Imu, Origin
 TRUE = ImuRig(gyro_noise_density=2e-4, accel_noise_density=3e-3, gyro_bias_walk=1e-9, accel_bias_walk=1e-9)
 BEFORE = Rig(imu=ImuRig(gyro_bias_sigma=0.01, gyro_bias_walk=3e-7), dvl=DvlRig(scale=1.01))
 START_NS = 1_700_000_000_000_000_000
-
-app = typer.Typer()
-app.command("noise")(noise)
-app.command("import")(import_)
 
 
 def run(*arguments):
