@@ -73,47 +73,29 @@ def added(unknowns: Unknowns, dives: Sequence[Information]) -> Information:
 
 @dataclass(frozen=True, eq=False)
 class Combined:
-    """Where the unknowns should be."""
+    """Where the unknowns should be, all of them estimated together."""
 
     z: FloatArray
-    """Zero where refused."""
     covariance: FloatArray
-    """What is refused is held where it starts, its prior sigma is carried into all others, and it keeps that sigma."""
-    kept: BoolArray
-    shown: FloatArray
-    """1-sigma of each unknown with all of them estimated, refused or not."""
+    told: BoolArray
+    """Whether the dives tell it: its sigma is at most ``TOLD`` of its prior's, and of use (``limits``).
+
+    What is not told is estimated along all the same, held by its prior: what is told is then right whatever the
+    others are, and its covariance knows that they are not known.
+    """
+
+    @property
+    def sigma(self) -> FloatArray:
+        return np.sqrt(np.diag(self.covariance))
 
 
 def combine(unknowns: Unknowns, data: Information, now: FloatArray) -> Combined:
-    """The unknowns from data linearised at ``now`` and the priors; what is not told stays at its start.
-
-    An unknown is told when its sigma is at most ``TOLD`` of its prior's, and of use (``limits``). What is refused is
-    held, not estimated: the others then go with the value that the rig keeps. Refusing goes on until nothing changes.
-    """
-    M = data.matrix + np.eye(len(now))
-    score = data.vector + data.matrix @ now
-    shown = np.sqrt(np.diag(np.linalg.inv(M)))
-    kept = shown <= _largest(unknowns)
-    while True:
-        k, r = np.flatnonzero(kept), np.flatnonzero(~kept)
-        inverse = np.linalg.inv(M[np.ix_(k, k)])
-        carried = inverse @ M[np.ix_(k, r)]
-        covariance = np.eye(len(now))
-        covariance[np.ix_(k, k)] = inverse + carried @ carried.T
-        covariance[np.ix_(k, r)] = -carried
-        covariance[np.ix_(r, k)] = -carried.T
-        still = kept & (np.sqrt(np.diag(covariance)) <= _largest(unknowns))
-        if (still == kept).all():
-            break
-        kept = still
-    z = np.zeros(len(now))
-    z[k] = inverse @ score[k]
-    return Combined(z, covariance, kept, shown)
-
-
-def _largest(unknowns: Unknowns) -> FloatArray:
-    """The largest sigma at which each unknown counts as told."""
-    return np.where(np.isfinite(unknowns.limits), np.minimum(TOLD, unknowns.limits), np.inf)
+    """The unknowns from the priors and data linearised at ``now``."""
+    covariance = np.linalg.inv(data.matrix + np.eye(len(now)))
+    covariance = 0.5 * (covariance + covariance.T)
+    z = covariance @ (data.vector + data.matrix @ now)
+    told = np.sqrt(np.diag(covariance)) <= np.minimum(TOLD, unknowns.limits)
+    return Combined(z, covariance, told)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,17 +115,12 @@ class Scatter:
         return float(np.std(self.values, ddof=1)) if len(self.values) > 1 else np.nan
 
 
-def scatter(unknowns: Unknowns, dives: Sequence[Information], now: FloatArray, kept: BoolArray, which: int) -> Scatter:
-    """Parameter number ``which`` from each dive alone, linearised at ``now``, with what is refused held."""
+def scatter(unknowns: Unknowns, dives: Sequence[Information], now: FloatArray, i: int) -> Scatter:
+    """Parameter number ``i`` from each dive alone, linearised at ``now``."""
     found = []
     for d, (place, dive) in enumerate(zip(unknowns.places, dives, strict=True)):
-        mine = np.flatnonzero(kept[place])
-        if which not in mine:
-            continue
-        M = dive.matrix[np.ix_(mine, mine)] + np.eye(len(mine))
-        P = np.linalg.inv(M)
-        z = P @ (dive.vector + dive.matrix @ now[place])[mine]
-        i = int(np.flatnonzero(mine == which)[0])
+        P = np.linalg.inv(dive.matrix + np.eye(len(place)))
+        z = P @ (dive.vector + dive.matrix @ now[place])
         if np.sqrt(P[i, i]) <= TOLD:
             told = 1.0 / P[i, i] - 1.0
             found.append((d, z[i] / P[i, i] / told, told**-0.5))

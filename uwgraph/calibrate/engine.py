@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from uwgraph.calibrate.combine import Combined, Unknowns, added, combine
+from uwgraph.calibrate.combine import Unknowns, added, combine
 from uwgraph.calibrate.information import Information, rig_information
 from uwgraph.calibrate.parameters import RATE, Limits, Parameter, Priors, What, chosen, leftovers, with_values
 from uwgraph.calibrate.reference_aids import ReferenceUse, with_reference_aids
@@ -93,7 +93,6 @@ def calibrate_dives(
 
     applied = np.array([p.field != RATE for p in unknowns.parameters])
     z = np.zeros(len(unknowns))
-    found: Combined | None = None
     for number in range(MAX_ITERATIONS):
         now = np.where(applied, z, 0.0)
         values = start + now * unknowns.priors
@@ -102,11 +101,15 @@ def calibrate_dives(
             if progress:
                 progress(f"round {number + 1}: {one.name}", (number + d / len(dives)) / MAX_ITERATIONS)
             information.append(one.information(values[place]))
-        before, found = found, combine(unknowns, added(unknowns, information), now)
-        end = Ending(unknowns, information, now, found, start, freed, labels, _still(z, before, found), number + 1)
-        if end.converged:
+        found = combine(unknowns, added(unknowns, information), now)
+        still = number > 0 and float((np.abs(found.z - z) / found.sigma).max()) <= STILL
+        if still:
             break
         z = found.z
+    own = np.zeros(len(unknowns))
+    for place, dive in reversed(list(zip(unknowns.places, dives, strict=True))):
+        own[place] = [p.value(dive.rig if p.of_a_clock else base) for p in parameters]
+    end = Ending(unknowns, information, now, found, start, own, freed, labels, still, number + 1)
     name = what if isinstance(what, str) else "chosen"
     return reported(end, name, base, [dive.rig for dive, _ in begun], [clocks for _, clocks in begun])
 
@@ -142,8 +145,3 @@ def _settings(dive: Dive, settings: SmoothSettings | None, reference: ReferenceU
         if reference and known:
             settings = SmoothSettings(initial="reference", position_sigma_m=reference.sigma_m)
     return settings.model_copy(update={"dvl_calibration": False, "covariances": False})
-
-
-def _still(z: FloatArray, before: Combined | None, found: Combined) -> bool:
-    step = np.abs(found.z - z) / np.sqrt(np.diag(found.covariance))
-    return before is not None and bool(step.max() <= STILL) and bool((before.kept == found.kept).all())

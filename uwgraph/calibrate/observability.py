@@ -79,7 +79,7 @@ def unseen(unknowns: Unknowns, names: Sequence[str], data: Information, found: C
     ``LEAST``, everything else that was freed being estimated.
     """
     free = np.isfinite(unknowns.limits)
-    refused: list[int] = np.flatnonzero(free & ~found.kept).tolist()
+    refused: list[int] = np.flatnonzero(free & ~found.told).tolist()
     if not refused:
         return ()
     S = np.zeros((len(unknowns), len(unknowns)))
@@ -91,11 +91,11 @@ def unseen(unknowns: Unknowns, names: Sequence[str], data: Information, found: C
     values, vectors = np.linalg.eigh(S[np.ix_(np.array(rest), np.array(rest))])
     for value, vector in zip(values, vectors.T, strict=True):
         together = [u for u, part in zip(rest, np.abs(vector), strict=True) if part > SHARE]
-        if value < LEAST and len(together) > 1 and not found.kept[together].all():
+        if value < LEAST and len(together) > 1 and not found.told[together].all():
             statements.append(_together(unknowns, names, together))
             confounded |= set(together)
     loose = [u for u in refused if u not in alone and u not in confounded]
-    sigmas = found.shown * unknowns.priors
+    sigmas = found.sigma * unknowns.priors
     return (*statements, *(_loose(unknowns.parameters[u], names[u], float(sigmas[u])) for u in loose))
 
 

@@ -24,17 +24,16 @@ class Estimate:
     """As in ``dvl.rotation_deg.yaw``; of a dive's own clock with the dive before it."""
     unit: str
     before: float
-    """Where it started: the rig's value, or for a clock what correlation found."""
+    """The rig's."""
     after: float
     """``before`` where refused."""
     sigma: float
-    """Posterior 1-sigma, inflated where dives scatter more than their covariances say; the prior's where refused."""
+    """1-sigma of the estimate, also of a refused one; wider where dives scatter more than their covariances say."""
     prior_sigma: float
     data_sigma: float
-    """1-sigma from the dives with all that was freed estimated, the number's own prior taken off; infinite where they
-    say nothing."""
+    """1-sigma from the dives alone, the number's own prior taken off; infinite where they say nothing."""
     observable: bool
-    """False: refused, left as it was."""
+    """False: not told by these dives, and left as it was."""
     dives: int
     """How many dives tell it."""
     scatter: float
@@ -81,7 +80,9 @@ class Ending:
     """Where the information was linearised."""
     found: Combined
     start: FloatArray
-    """Start values of the unknowns, in their units."""
+    """Start values of the unknowns, in their units: the priors' means."""
+    own: FloatArray
+    """The rig's values of the unknowns."""
     freed: Sequence[Parameter]
     labels: Sequence[str]
     converged: bool
@@ -99,21 +100,20 @@ def reported(
         inflation[u.places[0][i]] = s.birge
     scale = inflation * u.priors
     covariance = found.covariance * np.outer(scale, scale)
-    values = np.where(found.kept, _rounded(end.start + found.z * u.priors, np.sqrt(np.diag(covariance))), end.start)
+    values = np.where(found.told, _rounded(end.start + found.z * u.priors, np.sqrt(np.diag(covariance))), end.own)
     names = [p.name if d is None else f"{end.labels[d]}: {p.name}" for p, d in zip(u.parameters, u.dive, strict=True)]
 
     def of(which: int, dives: int, spread: float) -> Estimate:
-        p, kept = u.parameters[which], bool(found.kept[which])
-        share = found.shown[which] ** 2
+        p, share = u.parameters[which], float(found.covariance[which, which])
         return Estimate(
             name=names[which],
             unit=p.unit,
-            before=float(end.start[which]),
+            before=float(end.own[which]),
             after=float(values[which]),
             sigma=float(np.sqrt(covariance[which, which])),
             prior_sigma=p.prior,
-            data_sigma=p.prior / np.sqrt(1.0 / share - 1.0) if share < 1.0 else np.inf,
-            observable=kept,
+            data_sigma=p.prior / float(np.sqrt(1.0 / share - 1.0)) if share < 1.0 else np.inf,
+            observable=bool(found.told[which]),
             dives=dives,
             scatter=spread,
             inflated=float(inflation[which]),
@@ -125,7 +125,7 @@ def reported(
             which = int(u.places[0][i])
             estimates.append(of(which, len(common[i].values), common[i].spread * p.prior))
             continue
-        own = [of(int(place[i]), int(found.kept[place[i]]), np.nan) for place in u.places]
+        own = [of(int(place[i]), int(found.told[place[i]]), np.nan) for place in u.places]
         clocks += own
         estimates.append(_mean(p, own))
     several = len(u.places) > 1
@@ -157,7 +157,7 @@ def _rounded(values: FloatArray, sigmas: FloatArray) -> FloatArray:
 
 
 def _scatter(end: Ending, i: int) -> Scatter:
-    return scatter(end.unknowns, end.information, end.now, end.found.kept, i)
+    return scatter(end.unknowns, end.information, end.now, i)
 
 
 def _mean(p: Parameter, own: Sequence[Estimate]) -> Estimate:

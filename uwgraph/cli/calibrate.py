@@ -276,9 +276,9 @@ def _row(e: Estimate) -> tuple[str, ...]:
 
     return (
         e.name,
-        figure(e.before, e.sigma) if e.observable else f"{e.before:.6g}",
-        figure(e.after, e.sigma) if e.observable else "left",
-        f"{e.sigma:.2g}" if e.observable else "not told",
+        f"{e.before:.5g}",
+        figure(e.after, e.sigma) if e.observable else "not told",
+        f"{e.sigma:.2g}",
         f"{e.data_sigma:.2g}",
         str(e.dives),
         f"{e.scatter:.2g}" if e.scatter == e.scatter else "",
