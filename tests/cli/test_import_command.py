@@ -132,6 +132,7 @@ def test_options_of_logs_are_refused_elsewhere(tmp_path: Path) -> None:
     assert not (tmp_path / "d/mapping.yaml").exists()
 
 
+@pytest.mark.slow
 def test_an_interrupted_import_leaves_nothing(tmp_path: Path) -> None:
     source, dive = tmp_path / "log", tmp_path / "out" / "dive"
     source.mkdir()
