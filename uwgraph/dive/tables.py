@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import io
+import itertools
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,6 +24,8 @@ Table = dict[str, NDArray[Any]]
 
 MAX_BYTES: Final = 2 << 30
 """Larger tables are refused: they are read into memory whole."""
+BLOCK_ROWS: Final = 1 << 16
+"""Rows that are copied, encoded and written at a time."""
 
 _ARROW: Final = {"int": pa.int64(), "float": pa.float64(), "bool": pa.bool_(), "text": pa.string()}
 _NUMPY: Final[dict[Kind, Any]] = {"int": np.int64, "float": np.float64, "bool": np.bool_, "text": np.str_}
@@ -69,11 +72,24 @@ def read_table(path: Path, columns: Mapping[str, Column], *, ignore_others: bool
 
 def write_table(path: Path, table: Table) -> None:
     """Write columns as ``.parquet`` (checksummed pages) or ``.csv`` (shortest digits that read back exactly)."""
-    content = pa.table({name: pa.array(array) for name, array in table.items()})
-    if path.suffix == ".parquet":
-        pa.parquet.write_table(content, path, compression="zstd", write_page_checksum=True)
-    else:
-        pa.csv.write_csv(content, path, pa.csv.WriteOptions(quoting_style="needed", quoting_header="none"))
+    rows = max((len(array) for array in table.values()), default=0)
+    blocks = (
+        pa.table({name: pa.array(array[start : start + BLOCK_ROWS]) for name, array in table.items()})
+        for start in range(0, max(rows, 1), BLOCK_ROWS)
+    )
+    first = next(blocks)
+    with _writer(path, first.schema) as writer:
+        for block in itertools.chain([first], blocks):
+            writer.write_table(block)
+
+
+def _writer(path: Path, schema: Any) -> Any:
+    """Numbers hardly repeat: a dictionary of them takes more memory and time than it saves."""
+    if path.suffix != ".parquet":
+        options = pa.csv.WriteOptions(quoting_style="needed", quoting_header="none")
+        return pa.csv.CSVWriter(path, schema, write_options=options)
+    text = [field.name for field in schema if pa.types.is_string(field.type)]
+    return pa.parquet.ParquetWriter(path, schema, compression="zstd", write_page_checksum=True, use_dictionary=text)
 
 
 def _check_file(path: Path) -> None:
