@@ -118,8 +118,9 @@ def _checked(kind: MessageType) -> _Types:
     if kind.definition_encoding not in ("", DEFINITIONS[kind.encoding]):
         raise TypeTrouble(f"its definition is written as {kind.definition_encoding[:30]!r}, which is not read")
     types = _parsed(kind) if kind.definition.strip() else _known(kind)
-    _measure(types, kind.name, (), {})
-    return types
+    needed: dict[str, tuple[int, bool]] = {}
+    _measure(types, kind.name, (), needed)
+    return {name: types[name] for name in needed}
 
 
 def _parsed(kind: MessageType) -> _Types:
