@@ -88,8 +88,7 @@ class DataFlashLog:
 
     @property
     def topics(self) -> tuple[Topic, ...]:
-        found = (self._topic(kind, count) for kind, count in self._counts.items())
-        return tuple(sorted((t for t in found if t.type not in DEFINITIONS), key=lambda topic: topic.name))
+        return tuple(sorted((self._topic(*counted) for counted in self._counts.items()), key=lambda topic: topic.name))
 
     @property
     def known(self) -> Known:
@@ -131,7 +130,7 @@ class DataFlashLog:
         formats = self._blocks.formats
         self._facts.look_at(formats, block)
         for kind, offsets in block.offsets.items():
-            if (formats[kind].dtype.names or ("",))[0] not in _STAMPS:
+            if formats[kind].name in DEFINITIONS or (formats[kind].dtype.names or ("",))[0] not in _STAMPS:
                 continue
             column = self._instance_column(kind)
             if column is None:

@@ -68,7 +68,7 @@ class Preset:
 
     stream: str
     mapping: Mapping[str, Any]
-    """The fields of the stream's mapping, but for its topic."""
+    """The stream's mapping but for its topic; fields have their unit in brackets."""
     rank: int = 0
     note: str = ""
     says: str | None = None
@@ -110,7 +110,7 @@ def _scaled_pressure(rank: int, note: str = "") -> tuple[Preset, ...]:
 
 
 def _gps(rank: int, sigma: str) -> tuple[Preset, ...]:
-    place = {"lat": "lat [degE7]", "lon": "lon [degE7]", "valid": "fix_type", "valid_above": 2}
+    place = {"lat": "lat [degE7]", "lon": "lon [degE7]", "valid": "fix_type [1]", "valid_above": 2}
     return (Preset("fixes", place | {"sigma": sigma}, rank),)
 
 
@@ -132,7 +132,7 @@ MAVLINK: Final[Mapping[str, tuple[Preset, ...]]] = {
     "SCALED_PRESSURE": _scaled_pressure(1, _HOUSING),
     "VFR_HUD": (Preset("depth", {"height": "alt [m]"}, -1, "the autopilot's altitude: no pressure in this log"),),
     "VISION_POSITION_DELTA": (
-        Preset("dvl", {"v": [f"velocity[{k}] [m/s]" for k in range(3)], "valid": "confidence"}, 1, _DELTAS),
+        Preset("dvl", {"v": [f"velocity[{k}] [m/s]" for k in range(3)], "valid": "confidence [1]"}, 1, _DELTAS),
     ),
     "GPS_RAW_INT": _gps(2, "h_acc [mm]"),
     "GPS2_RAW": _gps(1, "h_acc [mm]"),
@@ -178,7 +178,7 @@ def _onboard_pressure(rank: int) -> tuple[Preset, ...]:
 
 
 def _onboard_gps(rank: int) -> tuple[Preset, ...]:
-    place = {"lat": "Lat [deg]", "lon": "Lng [deg]", "valid": "Status", "valid_above": 2}
+    place = {"lat": "Lat [deg]", "lon": "Lng [deg]", "valid": "Status [1]", "valid_above": 2}
     return (Preset("fixes", place, rank),)
 
 
@@ -203,7 +203,7 @@ DATAFLASH: Final[Mapping[str, tuple[Preset, ...]]] = {
     "BARO": _onboard_pressure(1),
     "BAR2": _onboard_pressure(2),
     "CTUN": (Preset("depth", {"height": "Alt [m]"}, -1, "the autopilot's altitude: no pressure in this log"),),
-    "VISO": (Preset("dvl", {"v": _axes("Vel*", "m/s", "XYZ"), "valid": "conf"}, 1, _DELTAS),),
+    "VISO": (Preset("dvl", {"v": _axes("Vel*", "m/s", "XYZ"), "valid": "conf [1]"}, 1, _DELTAS),),
     "GPS": _onboard_gps(2),
     "GPS2": _onboard_gps(1),
     "ATT": _yaw("Yaw [deg]"),
@@ -221,27 +221,40 @@ _UNITS: Final[Mapping[str, str]] = {
 
 
 def proposals_from(table: Mapping[str, tuple[Preset, ...]], topic: Topic) -> tuple[Proposal, ...]:
-    """What a topic could become, in the units that the log itself states where it does."""
-    return tuple(
-        Proposal(preset.stream, _mapping(preset, topic), preset.rank, preset.note)
-        for preset in table.get(topic.type, ())
-        if preset.says is None or preset.says == topic.says
-    )
+    """What a topic could become with the fields that it has, in the units that the log states for them."""
+    found = []
+    for preset in table.get(topic.type, ()):
+        if preset.says is None or preset.says == topic.says:
+            mapping = _mapping(preset, topic)
+            if mapping is not None:
+                found.append(Proposal(preset.stream, mapping, preset.rank, preset.note))
+    return tuple(found)
 
 
-def _mapping(preset: Preset, topic: Topic) -> StreamMapping:
-    model, usual = _MODELS[preset.stream], {**preset.mapping, "topic": topic.name}
-    stated = {key: _in_units_of(topic, value) for key, value in usual.items() if key != "topic"}
-    try:
-        return model.model_validate({**stated, "topic": topic.name})
-    except ValidationError:  # a damaged log states units of another dimension
-        return model.model_validate(usual)
+def _mapping(preset: Preset, topic: Topic) -> StreamMapping | None:
+    """The mapping without fields that messages of this version lack; None where it cannot do without."""
+    usual = {key: value for key, value in preset.mapping.items() if _paths(value) <= set(topic.fields)}
+    stated = {key: _in_units_of(topic, value) for key, value in usual.items()}
+    for fields in (stated, usual):  # a damaged log states units of another dimension
+        try:
+            return _MODELS[preset.stream].model_validate({**fields, "topic": topic.name})
+        except ValidationError:
+            continue
+    return None
+
+
+def _paths(value: Any) -> set[str]:
+    """Fields that a preset's value names; settings name none."""
+    if isinstance(value, list):
+        return set().union(*map(_paths, value))
+    return {value.partition(" [")[0]} if isinstance(value, str) and " [" in value else set()
 
 
 def _in_units_of(topic: Topic, value: Any) -> Any:
     """A field's text, or a list of them, with the unit that the log states for it."""
     if isinstance(value, list):
         return [_in_units_of(topic, one) for one in value]
-    path = value.partition(" [")[0] if isinstance(value, str) else ""
-    unit = _UNITS.get(topic.units.get(path, ""))
-    return f"{path} [{unit}]" if unit else value
+    unit = (
+        _UNITS.get(topic.units.get(value.partition(" [")[0], "")) if isinstance(value, str) and " [" in value else None
+    )
+    return f"{value.partition(' [')[0]} [{unit}]" if unit else value
