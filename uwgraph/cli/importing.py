@@ -99,6 +99,7 @@ def _options(
     first: str | None,
     last: str | None,
 ) -> LogOptions:
+    from uwgraph.cli.options import instant
     from uwgraph.dive.logs.assemble import Wishes
     from uwgraph.dive.logs.mapping import LogMapping
     from uwgraph.dive.logs.reading import LogOptions
@@ -111,7 +112,7 @@ def _options(
         wishes=Wishes(
             origin=_origin(origin) if origin else None,
             rig=read_rig(rig) if rig else None,
-            window=Window(_instant(first, "--from"), _instant(last, "--to")),
+            window=Window(instant(first, "--from"), instant(last, "--to")),
         ),
         mapping_out=mapping_out,
     )
@@ -131,21 +132,10 @@ def _origin(text: str) -> Origin:
     return Origin(radians(lat), radians(lon))
 
 
-def _instant(text: str | None, where: str) -> int | float | None:
-    """Nanoseconds of an ISO 8601 time, or seconds as a float."""
-    from uwgraph.cli.options import utc_ns
-
-    if text is None:
-        return None
-    try:
-        return float(text)
-    except ValueError:
-        return utc_ns(text, where)
-
-
 def _print(report: ImportReport) -> None:
     print(f"{report.source}: read as {report.format}: {report.reason}")
-    _print_topics(report.taken, report.left)
+    _print_taken(report.taken)
+    _print_left_in_brief(report.left)
     rows = [(s.name, str(s.count), f"{s.rate_hz:.6g}", f"{s.span_s:.3f}", s.start) for s in report.streams]
     print_table(report.destination, ("stream", "samples", "rate [Hz]", "span [s]", "from"), rows)
     told = {"conversions": report.conversions, "caveats": report.caveats, "for smoothing": report.missing}
@@ -171,16 +161,26 @@ def _print_survey(survey: Survey, source: str, as_json: bool) -> None:
         )
         return
     print(source)
-    _print_topics(survey.taken, survey.left)
+    _print_taken(survey.taken)
+    if survey.left:
+        print("left:")
+        print("\n".join(f"  - {_named(item)}: {item.why}" for item in survey.left))
 
 
-def _print_topics(taken: Sequence[Taken], left: Sequence[Left]) -> None:
+def _print_taken(taken: Sequence[Taken]) -> None:
     if taken:
         print("taken:")
         print("\n".join(f"  - {item.stream} from {_named(item)}: {item.how}" for item in taken))
-    if left:
-        print("left:")
-        print("\n".join(f"  - {_named(item)}: {item.why}" for item in left))
+
+
+def _print_left_in_brief(left: Sequence[Left]) -> None:
+    """One line a reason: an autopilot's log has dozens of topics that are of no use."""
+    topics: dict[str, list[str]] = {}
+    for item in left:
+        topics.setdefault(item.why, []).append(item.topic)
+    if topics:
+        print("left (more of them with --list):")
+        print("\n".join(f"  - {', '.join(names)}: {why}" for why, names in topics.items()))
 
 
 def _named(item: Taken | Left) -> str:

@@ -20,7 +20,6 @@ from uwgraph.dive.body_reference import body_reference
 from uwgraph.dive.model import Dive
 from uwgraph.evaluate.align import Alignment
 from uwgraph.evaluate.metrics import metrics
-from uwgraph.graph import resample
 from uwgraph.types import Reference, Solution, TimeArray
 
 
@@ -40,6 +39,8 @@ def judge(dive: Dive, solution: Solution, alignment: Alignment = "none") -> Judg
     """Compare a solution with the reference of its dive; without one only the 1-sigma are told."""
     reference = body_reference(dive)
     if reference is not None:
+        from uwgraph.graph import resample  # loads gtsam, which who only exports or imports can do without
+
         solution = resample(dive, solution, judging_stamps(solution.t_ns, reference.t_ns))
     return Judged(solution, reference, metrics(solution, reference, alignment))
 
