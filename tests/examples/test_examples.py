@@ -87,3 +87,12 @@ def test_own_csv() -> None:
     assert [line[0] for line in lines[:3]] == ["imu", "dvl", "depth"]
     assert [int(line[1]) for line in lines[:3]] == [6000, 301, 301]
     assert 20.0 < float(lines[3][2]) < 80.0
+
+
+def test_ardusub_log() -> None:
+    done = run("07_ardusub_log.py", 60)
+    assert done.returncode == 0, done.stderr
+    lines = [line.split() for line in done.stdout.splitlines()]
+    assert {(line[0], line[2]) for line in lines[:6]} >= {("imu", "HIGHRES_IMU"), ("dvl", "VISION_POSITION_DELTA")}
+    assert lines[-1][:2] == ["61", "keyframes,"]
+    assert 5.0 < float(lines[-1][-2]) < 12.0

@@ -164,7 +164,7 @@ class DataFlashLog:
     def _topic(self, which: Kind, count: int) -> Topic:
         kind, instance = which
         this = self._blocks.formats[kind]
-        fields = (*this.scales, *_RATIOS.get(this.name, ()))
+        fields = (*this.scales, *_ratios(this))
         units = self._facts.units(kind, this)
         return Topic(self._name(*which), this.name, count, fields, units=units, says=self._says(this.name, instance))
 
@@ -185,7 +185,7 @@ class _Columns(Mapping[str, FloatArray]):
     def __init__(self, this: Format, rows: Rows) -> None:
         self._format = this
         self._rows = rows
-        self._ratios = _RATIOS.get(this.name, {})
+        self._ratios = _ratios(this)
 
     def __getitem__(self, name: str) -> FloatArray:
         if name in self._ratios:
@@ -200,6 +200,12 @@ class _Columns(Mapping[str, FloatArray]):
 
     def __len__(self) -> int:
         return len(self._format.scales) + len(self._ratios)
+
+
+def _ratios(this: Format) -> Mapping[str, tuple[str, str]]:
+    """The ratios whose parts the message has in this version."""
+    known = _RATIOS.get(this.name, {}).items()
+    return {name: parts for name, parts in known if set(parts) <= this.scales.keys() and name not in this.scales}
 
 
 def _boot_ns(rows: Rows) -> TimeArray:
