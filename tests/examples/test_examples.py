@@ -96,3 +96,16 @@ def test_ardusub_log() -> None:
     assert {(line[0], line[2]) for line in lines[:6]} >= {("imu", "HIGHRES_IMU"), ("dvl", "VISION_POSITION_DELTA")}
     assert lines[-1][:2] == ["61", "keyframes,"]
     assert 5.0 < float(lines[-1][-2]) < 12.0
+
+
+def test_ros_bag() -> None:
+    done = run("06_ros_bag.py", 60)
+    assert done.returncode == 0, done.stderr
+    lines = [line.split() for line in done.stdout.splitlines()]
+    assert {(line[0].rpartition("/")[2], line[-1]) for line in lines[:4]} == {
+        ("imu", "imu"),
+        ("twiststamped", "dvl"),
+        ("fluidpressure", "depth"),
+        ("navsatfix", "fixes"),
+    }
+    assert 20.0 < float(lines[4][2]) < 80.0
