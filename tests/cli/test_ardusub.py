@@ -22,7 +22,13 @@ def onboard(tmp_path_factory: pytest.TempPathFactory) -> Path:
     dive = tmp_path_factory.mktemp("bin") / "dive"
     done = run("import", DATA / "small.BIN", dive, "--origin", "48.386,-124.631")
     assert done.returncode == 0, done.stderr
-    for words in ("imu from IMU[0]", "depth from BARO[1]", "does not know the date", "dvl missing"):
+    for words in (
+        "imu from IMU[0]",
+        "depth from BARO[1]",
+        "BARO[0] (BARO, 237 messages): in air",
+        "does not know the date",
+        "dvl missing",
+    ):
         assert words in done.stdout
     return dive
 

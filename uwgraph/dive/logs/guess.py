@@ -109,6 +109,8 @@ def _mapping(best: dict[str, tuple[Topic, Proposal]]) -> LogMapping:
 def _why(topic: Topic, offers: tuple[Proposal, ...], best: dict[str, tuple[Topic, Proposal]]) -> str:
     if topic.count == 0:
         return "no messages"
+    if not offers and topic.says:
+        return topic.says
     if not offers:
         return "what it means is not known: map its fields" if topic.fields else "of no use here"
     could = ", ".join(offer.stream for offer in offers)

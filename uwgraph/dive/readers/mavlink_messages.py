@@ -41,7 +41,7 @@ AUTOPILOT_IMU: Final = ImuRig(
 LARGEST_TRIM_DEG: Final = 15.0
 """ArduPilot allows 10; more is a damaged log."""
 
-WATER, AIR, MAGNETIC, PLACED = "water", "air", "magnetic", "placed"
+WATER, AIR, MAGNETIC, PLACED = "in water", "in air, not in water", "magnetic", "placed"
 """What a log says of a barometer, of a heading's north, and of a filter that knew where it was."""
 
 
@@ -89,7 +89,8 @@ _OWN_SOLUTION = "the autopilot's own solution, no truth"
 _HOUSING = "if this barometer sits inside the housing there is no depth in this log"
 _DELTAS = "mean velocity over the time between two messages, as the DVL's driver sends it to the autopilot"
 _DEPTH = {"surface_pressure_pa": "least"}
-_HEADING = {"max_rate_hz": 0.2}
+_HEADING = {"max_rate_hz": 0.2, "sigma": "5 [deg]"}
+"""A compass among thrusters is wrong by degrees, and for minutes."""
 
 
 def _imu(force: str, rate: str, unit_f: str, unit_w: str) -> dict[str, Any]:
@@ -247,7 +248,8 @@ def _paths(value: Any) -> set[str]:
     """Fields that a preset's value names; settings name none."""
     if isinstance(value, list):
         return set().union(*map(_paths, value))
-    return {value.partition(" [")[0]} if isinstance(value, str) and " [" in value else set()
+    path = value.partition(" [")[0] if isinstance(value, str) and " [" in value else ""
+    return {path} if path and not path.isdecimal() else set()
 
 
 def _in_units_of(topic: Topic, value: Any) -> Any:
