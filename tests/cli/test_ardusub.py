@@ -25,7 +25,7 @@ def onboard(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for words in (
         "imu from IMU[0]",
         "depth from BARO[1]",
-        "BARO[0] (BARO, 237 messages): in air",
+        "BARO[0]: in air",
         "does not know the date",
         "dvl missing",
     ):

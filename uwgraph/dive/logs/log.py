@@ -38,7 +38,7 @@ class Topic:
     units: Mapping[str, str] = field(default_factory=dict)
     """Units of its fields, in the log's own words, where the log states them."""
     says: str = ""
-    """What else the log lets one know of it that its type does not tell, for ``proposals``: ``in water``, ``magnetic``."""
+    """What else the log lets one know of it that its type does not tell: ``in water``, ``magnetic``."""
 
 
 @dataclass(frozen=True)
