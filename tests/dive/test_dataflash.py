@@ -185,6 +185,21 @@ def test_definitions_that_cannot_be_are_not_believed(tmp_path: Path) -> None:
     assert topics["IMU[0]"].count == 100
 
 
+def test_columns_of_other_kinds_than_usual_are_no_stumbling_block(tmp_path: Path) -> None:
+    """A log whose definitions were hit: texts and floats where numbers belong, a NaN that signals."""
+    swapped = [
+        definition(13, "GPS", "fBffLL", "TimeUS,Status,GMS,GWk,Lat,Lng")
+        + message(13, "fBffLL", np.nan, 3, 1.0, 2.0, 0, 0),
+        definition(18, "ORGN", "QBnn", "TimeUS,Type,Lat,Lng") + message(18, "QBnn", 5, 0, "a", "b"),
+        definition(14, "PARM", "QNn", "TimeUS,Name,Value") + message(14, "QNn", 5, "AHRS_TRIM_X", "x"),
+        definition(12, "ATT", "nccC", "TimeUS,Roll,Pitch,Yaw") + message(12, "nccC", "now", 1, 2, 3),
+        definition(30, "NAN", "Qf", "TimeUS,X") + b"\xa3\x95\x1e" + bytes(8) + b"\x01\x00\xa0\x7f",
+    ]
+    topics, found, _ = pour(written(tmp_path, b"".join(swapped) + onboard(1.0)))
+    assert "ATT" not in topics
+    assert np.isnan(found["NAN"]["X"][0])
+
+
 @pytest.mark.parametrize(
     ("data", "words"),
     [

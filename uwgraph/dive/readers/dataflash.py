@@ -130,7 +130,7 @@ class DataFlashLog:
         formats = self._blocks.formats
         self._facts.look_at(formats, block)
         for kind, offsets in block.offsets.items():
-            if formats[kind].name in DEFINITIONS or (formats[kind].dtype.names or ("",))[0] not in _STAMPS:
+            if formats[kind].name in DEFINITIONS or not _is_stamped(formats[kind]):
                 continue
             column = self._instance_column(kind)
             if column is None:
@@ -188,18 +188,24 @@ class _Columns(Mapping[str, FloatArray]):
         self._ratios = _ratios(this)
 
     def __getitem__(self, name: str) -> FloatArray:
-        if name in self._ratios:
-            above, below = (self[part] for part in self._ratios[name])
-            ratio: FloatArray = np.divide(above, below, out=np.full(len(above), np.nan), where=below > 0)
-            return ratio
-        values: FloatArray = self._rows[name].astype(np.float64) * self._format.scales[name]
-        return values
+        with np.errstate(invalid="ignore", over="ignore"):  # of damaged numbers
+            if name in self._ratios:
+                above, below = (self[part] for part in self._ratios[name])
+                ratio: FloatArray = np.divide(above, below, out=np.full(len(above), np.nan), where=below > 0)
+                return ratio
+            values: FloatArray = self._rows[name].astype(np.float64) * self._format.scales[name]
+            return values
 
     def __iter__(self) -> Iterator[str]:
         return iter((*self._format.scales, *self._ratios))
 
     def __len__(self) -> int:
         return len(self._format.scales) + len(self._ratios)
+
+
+def _is_stamped(this: Format) -> bool:
+    first = (this.dtype.names or ("",))[0]
+    return first in _STAMPS and first in this.whole
 
 
 def _ratios(this: Format) -> Mapping[str, tuple[str, str]]:

@@ -18,6 +18,8 @@ KEPT: Final = ("FMTU", "UNIT", "MULT", "PARM", "ORGN", "GPS", "BARO", "XKF4", "N
 """Messages that describe others."""
 KEPT_ROWS: Final = 20_000
 """About so many of each are looked at."""
+WHOLE, NUMBER, TEXT = "iu", "iuf", "S"
+"""Kinds of columns."""
 _GPS_EPOCH_S: Final = 315_964_800
 _GPS_LEAPS: Final = ((1_483_228_800, 18), (1_435_708_800, 17), (1_341_100_800, 16), (1_230_768_000, 15))
 """Seconds UTC from which on GPS time is ahead by so many seconds."""
@@ -50,12 +52,15 @@ class Facts:
                 if kind in formats and 0 <= column < len(names := formats[kind].dtype.names or ()):
                     self._instances[kind] = names[column]
 
-    def columns(self, message: str, *names: str) -> tuple[NDArray[Any], ...]:
-        """Columns of a message that was kept, as they are in the file; empty ones where the log lacks one."""
-        tables = [rows for rows in self._rows[message] if set(names) <= set(rows.dtype.names or ())]
+    def columns(self, message: str, **kinds: str) -> tuple[NDArray[Any], ...]:
+        """Columns of a message that was kept, as they are in the file; empty ones where the log lacks one.
+
+        ``kinds`` are their names, with the letters of NumPy's kinds that will do.
+        """
+        tables = [rows for rows in self._rows[message] if _has(rows.dtype, kinds)]
         if not tables:
-            return tuple(np.zeros(0) for _ in names)
-        return tuple(np.concatenate([rows[name] for rows in tables]) for name in names)
+            return tuple(np.zeros(0, dtype=np.int64) for _ in kinds)
+        return tuple(np.concatenate([rows[name] for rows in tables]) for name in kinds)
 
     def instance_column(self, kind: int) -> str | None:
         """The column that tells instances of a type apart."""
@@ -63,8 +68,8 @@ class Facts:
 
     def units(self, kind: int, this: Format) -> Mapping[str, str]:
         """Unit of each number of a type that the log states one for."""
-        labels = _texts(*self.columns("UNIT", "Id", "Label"))
-        scales = dict(zip(*(column.tolist() for column in self.columns("MULT", "Id", "Mult")), strict=True))
+        labels = _texts(*self.columns("UNIT", Id=WHOLE, Label=TEXT))
+        scales = dict(zip(*(column.tolist() for column in self.columns("MULT", Id=WHOLE, Mult=NUMBER)), strict=True))
         stated: dict[str, str] = {}
         for of, units, scaled_by in self._unit_ids():
             if of != kind:
@@ -78,12 +83,12 @@ class Facts:
 
     def parameters(self) -> Mapping[str, float]:
         """The vehicle's parameters, as they were last."""
-        names, values = self.columns("PARM", "Name", "Value")
+        names, values = self.columns("PARM", Name=TEXT, Value=NUMBER)
         return {n.decode("latin-1"): v for n, v in zip(names.tolist(), values.tolist(), strict=True)}
 
     def start_ns(self) -> int | None:
         """UTC of the autopilot's start, from the GPS; None where it had no time."""
-        week, ms, us = (column.astype(np.int64) for column in self.columns("GPS", "GWk", "GMS", "TimeUS"))
+        week, ms, us = (c.astype(np.int64) for c in self.columns("GPS", GWk=WHOLE, GMS=WHOLE, TimeUS=WHOLE))
         good = (week > _FIRST_WEEK) & (week < _LAST_WEEK) & (ms >= 0) & (ms < _WEEK_MS) & (us >= 0) & (us < 1 << 53)
         if not good.any():
             return None
@@ -93,7 +98,7 @@ class Facts:
 
     def origin(self) -> OriginSettings | None:
         """Origin of the filter's local positions."""
-        kind, lat, lon = self.columns("ORGN", "Type", "Lat", "Lng")
+        kind, lat, lon = self.columns("ORGN", Type=WHOLE, Lat=WHOLE, Lng=WHOLE)
         for k, a, b in zip(kind.tolist(), lat.tolist(), lon.tolist(), strict=True):
             if k == 0 and (a or b) and abs(a) <= 90e7 and abs(b) <= 180e7:
                 return OriginSettings(lat_deg=a * 1e-7, lon_deg=b * 1e-7)
@@ -101,9 +106,9 @@ class Facts:
 
     def medium(self, instance: int | None) -> str:
         """What a barometer is in, from how its altitude follows its pressure; nothing where that cannot be told."""
-        which, height, pressure = self.columns("BARO", "I", "Alt", "Press")
+        which, height, pressure = self.columns("BARO", I=WHOLE, Alt=NUMBER, Press=NUMBER)
         if instance is None:
-            height, pressure = self.columns("BARO", "Alt", "Press")
+            height, pressure = self.columns("BARO", Alt=NUMBER, Press=NUMBER)
         else:
             height, pressure = height[which == instance], pressure[which == instance]
         good = np.isfinite(height) & np.isfinite(pressure)
@@ -114,14 +119,20 @@ class Facts:
 
     def knows_its_place(self) -> bool:
         """Whether the filter estimated a position most of the time."""
-        status = np.concatenate([self.columns(name, "SS")[0] for name in ("XKF4", "NKF4")]).astype(np.int64)
+        status = np.concatenate([self.columns(name, SS=WHOLE)[0] for name in ("XKF4", "NKF4")]).astype(np.int64)
         known = ((status & _HAS_POSITION) > 0) & ((status & _IS_HELD) == 0)
         return bool(len(status)) and float(known.mean()) > 0.5
 
     def _unit_ids(self) -> list[tuple[int, str, str]]:
         """Type, letters of its units, letters of their multipliers."""
-        kinds, units, scales = (column.tolist() for column in self.columns("FMTU", "FmtType", "UnitIds", "MultIds"))
+        kinds, units, scales = (c.tolist() for c in self.columns("FMTU", FmtType=WHOLE, UnitIds=TEXT, MultIds=TEXT))
         return [(int(k), *(_text(t) for t in texts)) for k, *texts in zip(kinds, units, scales, strict=True)]
+
+
+def _has(dtype: np.dtype[Any], kinds: Mapping[str, str]) -> bool:
+    """Whether a table has columns of such kinds."""
+    names = dtype.names or ()
+    return all(name in names and dtype[name].kind in kinds[name] for name in kinds)
 
 
 def _texts(keys: NDArray[Any], texts: NDArray[Any]) -> dict[int, str]:
