@@ -31,7 +31,7 @@ def write_rig(rig: Rig, path: str | Path, remarks: Iterable[str] = ()) -> None:
     DataError
         When the place cannot be written.
     """
-    comments = "".join(f"# {line}\n" for remark in remarks for line in remark.splitlines())
+    comments = "".join(f"# {_printable(line)}\n" for remark in remarks for line in remark.splitlines())
     with atomic_file(path) as partial:
         partial.write_text(comments + _yaml(rig.model_dump(mode="json")), encoding="utf-8")
 
@@ -64,6 +64,11 @@ def write_rig_into(folder: str | Path, rig: Rig, remark: str) -> None:
     values |= {"rig": rig.model_dump(mode="json"), "provenance": {**provenance, "conversions": notes}}
     with atomic_file(header) as partial:
         partial.write_text(_yaml(values), encoding="utf-8")
+
+
+def _printable(text: str) -> str:
+    """The text without what YAML takes for a broken file: names of files can hold anything."""
+    return "".join(c if c.isprintable() else "?" for c in text)
 
 
 def _yaml(values: object) -> str:
