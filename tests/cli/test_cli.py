@@ -46,11 +46,11 @@ def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_help_names_every_command() -> None:
     done = run("--help")
     assert done.returncode == 0
-    for command in ("import", "check", "simulate", "smooth", "sun", "demo", "version"):
+    for command in ("import", "check", "simulate", "smooth", "export", "sun", "demo", "version"):
         assert command in done.stdout
 
 
-@pytest.mark.parametrize("command", ["import", "check", "simulate", "smooth", "demo"])
+@pytest.mark.parametrize("command", ["import", "check", "simulate", "smooth", "export", "demo"])
 def test_every_command_has_an_example(command: str) -> None:
     done = run(command, "--help")
     assert done.returncode == 0
