@@ -94,6 +94,12 @@ def test_topics_are_named_after_who_sent_them(tmp_path: Path) -> None:
     assert counts["HIGHRES_IMU"] == 100
 
 
+def test_without_an_autopilots_heartbeat_the_vehicle_is_who_sent_most(tmp_path: Path) -> None:
+    quiet = [m for m in dive(2.0) if m[2].get_type() != "HEARTBEAT" or m[1] == (255, 190)]
+    counts, _, _ = pour(written(tmp_path, telemetry(quiet)))
+    assert {"HIGHRES_IMU", "HEARTBEAT 255/190"} <= set(counts)
+
+
 def test_stamps_are_the_vehicles(tmp_path: Path) -> None:
     """Jitter of the link is gone, its least delay stays: 2 ms here."""
     _, found, caveats = pour(written(tmp_path, telemetry(dive())))

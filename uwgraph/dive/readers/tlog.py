@@ -88,7 +88,7 @@ class TelemetryLog:
             raise DataError(f"holds no MAVLink message{lost}", where=str(path), remedy="copy the log again")
         for clock in self._clocks.values():
             clock.settle()
-        self._vehicle = self._autopilots.most_common(1)[0][0] if self._autopilots else next(iter(self._counts))[1]
+        self._vehicle = (self._autopilots or self._senders()).most_common(1)[0][0]
         self._lost = self._frames.lost, self._frames.first_lost, self._frames.unknown
 
     @property
@@ -148,19 +148,27 @@ class TelemetryLog:
         match kind.name:
             case "HEARTBEAT":
                 message = self._decoded(frame)
-                self._autopilots[source] += message is not None and message.autopilot != _NO_AUTOPILOT
+                if message is not None and message.autopilot != _NO_AUTOPILOT:
+                    self._autopilots[source] += 1
             case "PARAM_VALUE":
                 if (message := self._decoded(frame)) is not None:
                     self._parameters[source][str(message.param_id)] = float(message.param_value)
             case "GPS_GLOBAL_ORIGIN":
                 message = self._decoded(frame)
-                if message is not None and abs(message.latitude) <= 90e7 and abs(message.longitude) <= 180e7:
-                    place = {"lat_deg": message.latitude * 1e-7, "lon_deg": message.longitude * 1e-7}
-                    self._origins.setdefault(source, OriginSettings(**place))
+                lat, lon = (message.latitude, message.longitude) if message is not None else (0, 0)
+                if (lat or lon) and abs(lat) <= 90e7 and abs(lon) <= 180e7:
+                    self._origins.setdefault(source, OriginSettings(lat_deg=lat * 1e-7, lon_deg=lon * 1e-7))
             case "SYSTEM_TIME":
                 message = self._decoded(frame)
                 if message is not None and message.time_unix_usec and len(self._clock_errors_s[source]) < 1000:
                     self._clock_errors_s[source].append((frame.received_us - message.time_unix_usec) * 1e-6)
+
+    def _senders(self) -> Counter[Source]:
+        """Messages by sender."""
+        senders: Counter[Source] = Counter()
+        for (_, source, _), count in self._counts.items():
+            senders[source] += count
+        return senders
 
     def _decoded(self, frame: Frame) -> Any:
         """pymavlink's message, with what is derived from it; None where its fields cannot be made out."""
