@@ -125,6 +125,19 @@ def test_json_without_fields_does_no_harm(tmp_path: Path, text: bytes) -> None:
         assert len(poured(log, "/t")) == 1
 
 
+def test_more_definitions_than_any_log_has_are_refused(tmp_path: Path) -> None:
+    with (tmp_path / "a.mcap").open("wb") as file:
+        writer = McapWriter(file)
+        writer.start()
+        for number in range(40):
+            text = f"float64 x{number}\n".encode() + b"#" * 60_000 + b"\n"
+            schema = writer.register_schema(f"pkg/msg/T{number}", "ros2msg", text)
+            writer.register_channel(f"/t{number}", "cdr", schema)
+        writer.finish()
+    with pytest.raises(DataError, match="message definitions"), mcapfile.open_log(tmp_path / "a.mcap"):
+        pass
+
+
 def test_a_large_json_message_is_refused(tmp_path: Path) -> None:
     path = write_one(tmp_path / "a.mcap", "json", "", b"", b"[" + b"[]," * 200_000 + b"[]]")
     with mcapfile.open_log(path) as log, pytest.raises(DataError, match="bytes of JSON"):

@@ -12,7 +12,7 @@ from typing import Any, Final, Protocol
 
 from uwgraph.dive.logs.log import Known, Progress, Sink, Topic
 from uwgraph.dive.readers.ros_messages import is_known
-from uwgraph.dive.readers.ros_types import MAX_ELEMENTS, Decode, MessageType, TypeTrouble, number_paths
+from uwgraph.dive.readers.ros_types import MAX_DEFINITIONS, MAX_ELEMENTS, Decode, MessageType, TypeTrouble, number_paths
 from uwgraph.errors import DataError
 
 PEEK_BYTES: Final = 1 << 24
@@ -65,6 +65,13 @@ class RosLog:
         self._by_topic: dict[str, list[Channel]] = defaultdict(list)
         for channel in storage.channels:
             self._by_topic[channel.topic].append(channel)
+        size = sum(map(len, {channel.kind.definition for channel in storage.channels}))
+        if size > MAX_DEFINITIONS:
+            raise DataError(
+                f"its message definitions have {size} characters, more than {MAX_DEFINITIONS}",
+                where=storage.where(0),
+                remedy="copy the log again, or filter the topics that are needed into a new one",
+            )
 
     @cached_property
     def topics(self) -> tuple[Topic, ...]:

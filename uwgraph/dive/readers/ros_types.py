@@ -18,8 +18,10 @@ from rosbags.typesys.store import Typestore
 
 from uwgraph.dive.readers.ros_known import KNOWN_DEFINITIONS
 
-MAX_DEFINITION: Final = 1 << 17
-"""Characters of a message definition."""
+MAX_DEFINITION: Final = 1 << 16
+"""Characters of a message definition ..."""
+MAX_DEFINITIONS: Final = 1 << 21
+"""... and of all that a log has: parsing takes up to 0.1 ms each."""
 MAX_ELEMENTS: Final = 4096
 """Fields of a type with everything in it unfolded."""
 MAX_DEPTH: Final = 16
