@@ -109,3 +109,17 @@ def test_ros_bag() -> None:
         ("navsatfix", "fixes"),
     }
     assert 20.0 < float(lines[4][2]) < 80.0
+
+
+@pytest.mark.slow
+def test_calibration() -> None:
+    done = run("08_calibration.py", 700)
+    assert done.returncode == 0, done.stderr
+    lines = [line.split() for line in done.stdout.splitlines()]
+    numbers = {line[0]: line[1:] for line in lines if line and line[0].startswith("dvl.")}
+    assert len(numbers) == 8
+    for name in ("dvl.scale", "dvl.time_offset_s"):
+        value, _, sigma, *_ = numbers[name]
+        assert abs(float(value) - float(numbers[name][-1].rstrip(")"))) < 4.0 * float(sigma)
+    rmse = [float(line[-2]) for line in lines if "RMSE" in line]
+    assert rmse[1] < rmse[0]
