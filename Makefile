@@ -28,6 +28,8 @@ bench: setup
 	$(BENCH)/speed.py
 	$(BENCH)/lowering.py
 	$(BENCH)/consistency.py
+	$(BENCH)/calibration.py
+	$(BENCH)/import_memory.py
 	$(BENCH)/sun_value.py --simulated
 	$(BENCH)/sun_speed.py
 	$(BENCH)/efficiency.py
@@ -37,6 +39,7 @@ bench: setup
 	$(BENCH)/geolocation.py
 	@test -d $(DATA) || echo "no recordings in $(DATA): name their folder with DATA=..."
 	test ! -d $(DATA)/snapir || $(BENCH)/snapir.py $(DATA)/snapir
+	test ! -d $(DATA)/snapir || $(BENCH)/calibration_snapir.py $(DATA)/snapir
 	test ! -d $(DATA)/snapir || $(BENCH)/sun_value.py $(DATA)/snapir
 	test ! -d $(DATA)/snapir || $(BENCH)/sun_images.py $(DATA)/snapir
 	test ! -d $(DATA)/sky_images || $(BENCH)/sky_images.py $(DATA)/sky_images
