@@ -127,7 +127,9 @@ class DvlMapping(TopicMapping):
     cov: Six | None = None
     """... or xx, xy, xz, yy, yz, zz."""
     valid: Number | None = None
-    """Bottom lock: valid where it is not zero (nor NaN)."""
+    """Bottom lock: valid where it is not zero (nor NaN) ..."""
+    valid_above: float | None = None
+    """... or where it is greater than this: beams, or a variance that is -1 where there is no lock."""
     axes: Axes = "frd"
 
 

@@ -50,7 +50,8 @@ def imu(samples: Samples, mapping: ImuMapping, dive: Dive, notes: Notes) -> Imu:
 def dvl(samples: Samples, mapping: DvlMapping, dive: Dive, notes: Notes) -> Dvl:
     valid: BoolArray = np.all(np.isfinite(samples["v"]), axis=1)
     if "valid" in samples:
-        valid &= np.isfinite(samples["valid"]) & (samples["valid"] != 0.0)
+        flag = samples["valid"]
+        valid &= np.isfinite(flag) & (flag != 0.0 if mapping.valid_above is None else flag > mapping.valid_above)
     if mapping.axes != "frd":
         notes.conversions.append(f"dvl: axes {mapping.axes} turned to frd")
     if not valid.all():
