@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
+from uwgraph.dive import Dive
 from uwgraph.dive.logs.log import Topic
+from uwgraph.dive.logs.notes import Notes
+from uwgraph.dive.logs.samples import Samples
+from uwgraph.dive.logs.streams import BUILDERS
 from uwgraph.dive.readers.ros_known import KNOWN_DEFINITIONS
 from uwgraph.dive.readers.ros_messages import PRESETS, proposals
 from uwgraph.dive.readers.ros_types import MessageType
+from uwgraph.types import Origin
 
 VELOCITY = ("velocity.x", "velocity.y", "velocity.z")
 
@@ -44,9 +50,9 @@ def test_the_name_of_a_frame_tells_its_axes(frame: str, axes: str) -> None:
         ("ds_sensor_msgs/msg/Dvl", ("velocity_covar", "num_good_beams"), "frd", {"cov", "valid"}),
         ("waterlinked_a50_ros_driver/msg/DVL", ("fom", "velocity_valid"), "frd", {"sigma", "valid"}),
         ("dvl_msgs/msg/DVL", ("fom", "covariance", "velocity_valid"), "frd", {"sigma", "valid"}),
-        ("cola2_msgs/msg/DVL", ("velocity_covariance",), "frd", {"cov"}),
-        ("uuv_sensor_ros_plugins_msgs/msg/DVL", ("velocity_covariance",), "flu", {"cov"}),
-        ("smarc_msgs/msg/DVL", ("velocity_covariance",), "flu", {"cov"}),
+        ("cola2_msgs/msg/DVL", ("velocity_covariance",), "frd", {"cov", "valid"}),
+        ("uuv_sensor_ros_plugins_msgs/msg/DVL", ("velocity_covariance",), "flu", {"cov", "valid"}),
+        ("smarc_msgs/msg/DVL", ("velocity_covariance",), "flu", {"cov", "valid"}),
         ("somebodys_msgs/msg/Dvl", (), "flu", set()),
     ],
 )
@@ -55,6 +61,21 @@ def test_dvls(type_name: str, fields: tuple[str, ...], axes: str, uses: set[str]
     assert mapping["stream"] == "dvl"
     assert mapping["axes"] == axes
     assert {name for name in ("cov", "sigma", "valid") if mapping[name] is not None} == uses
+
+
+@pytest.mark.parametrize(
+    ("type_name", "flag", "says"),
+    [
+        ("uuv_sensor_ros_plugins_msgs/msg/DVL", "velocity_covariance", {-1.0: False, 0.0: True, 1e-4: True}),
+        ("marine_acoustic_msgs/msg/Dvl", "num_good_beams", {0.0: False, 2.0: False, 3.0: True, 4.0: True}),
+        ("waterlinked_a50_ros_driver/msg/DVL", "velocity_valid", {0.0: False, 1.0: True}),
+    ],
+)
+def test_a_dvl_without_lock_says_so(type_name: str, flag: str, says: dict[float, bool]) -> None:
+    (proposal,) = proposals(Topic("/t", type_name, fields=(*VELOCITY, flag)))
+    values = {"v": np.ones((len(says), 3)), "valid": np.array(list(says))}
+    stream = BUILDERS["dvl"](Samples(np.arange(len(says)), values), proposal.mapping, Dive(Origin(0.7, 0.1)), Notes())
+    assert stream.valid.tolist() == list(says.values())
 
 
 def test_what_is_only_named_like_a_dvl_is_left() -> None:

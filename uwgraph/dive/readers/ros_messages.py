@@ -139,8 +139,12 @@ def _dvl(topic: Topic) -> Proposal:
         fields["cov"] = _matrix(covariance, _DIAGONAL_3)
     elif sigma := _first(topic, "fom", "figure_of_merit", "figureOfMerit"):
         fields["sigma"] = sigma
-    if valid := _first(topic, "velocity_valid", "valid", "num_good_beams"):
+    if valid := _first(topic, "velocity_valid", "valid"):
         fields["valid"] = valid
+    elif beams := _first(topic, "num_good_beams"):
+        fields |= {"valid": beams, "valid_above": 2.0}  # two beams give no velocity in space
+    elif covariance:
+        fields |= {"valid": f"{covariance}[0]", "valid_above": -0.5}  # -1 without bottom lock, 0 where unknown
     return Proposal("dvl", _mapping(DvlMapping, topic, **fields), rank=1, note=note)
 
 
