@@ -128,6 +128,15 @@ def test_the_reference_stands_in_for_fixes(dive: Dive) -> None:
     # its clock is taken from the rig, and is wrong here: along the track that is no scale
     assert scale.observable
     assert abs(scale.after - TRUE_DVL.scale) < 2e-3
+    # its lever arm moves the fixes that were made from it, and its clock leaves the compass alone
+    both = ["reference.translation_m", "reference.time_offset_s"]
+    seen = calibrate_dives([replace(dive, fixes=None)], both, reference=ReferenceUse(sigma_m=0.2, period_s=2.0))
+    for e in seen.estimates:
+        assert abs(e.after) < 3.5 * e.sigma, e.name
+        assert e.sigma > 0.01, e.name
+    assert seen.estimate("reference.translation_m.x").observable
+    with pytest.raises(ConfigError, match="in these dives"):
+        calibrate_dives([dive], both)
     with pytest.raises(DataError, match="no reference"):
         calibrate_dives([replace(blind, reference=None)], "dvl", reference=ReferenceUse())
 

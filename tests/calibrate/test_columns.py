@@ -42,7 +42,7 @@ def dive() -> Dive:
 
 @pytest.fixture(scope="module")
 def parameters(dive: Dive) -> tuple[Parameter, ...]:
-    return chosen(NAMES, [dive], "fixes", Priors(), Limits())
+    return chosen(NAMES, [dive], (), Priors(), Limits())
 
 
 def test_the_information_is_the_change_of_the_score(dive: Dive, parameters: tuple[Parameter, ...]) -> None:
@@ -77,7 +77,7 @@ def test_scale_and_mounting_are_those_of_the_calibrated_displacement() -> None:
     to_rig = np.diag([1.0, *np.radians([1.0] * 3)])  # the rig has degrees
     expected = to_rig @ (last.information() - np.linalg.inv(prior)) @ to_rig
 
-    parameters = chosen(["dvl.scale", "dvl.rotation_deg"], [dive], "fixes", Priors(), Limits())
+    parameters = chosen(["dvl.scale", "dvl.rotation_deg"], [dive], (), Priors(), Limits())
     units = np.array([p.prior for p in parameters])
     matrix = rig_information(smoothed(dive), parameters).matrix / np.outer(units, units)
     size = np.sqrt(np.diag(expected))

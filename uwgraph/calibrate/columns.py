@@ -10,7 +10,7 @@ estimate (errors in variables): a DVL's scale by 0.1 to 0.4 % on a MEMS dive.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import gtsam
 import numpy as np
@@ -37,17 +37,20 @@ RATE_OVER_S = 0.1
 
 
 def rig_columns(
-    smoothed: Smoothed, linear: gtsam.GaussianFactorGraph, parameters: Sequence[Parameter]
+    smoothed: Smoothed,
+    linear: gtsam.GaussianFactorGraph,
+    parameters: Sequence[Parameter],
+    from_reference: Collection[str] = (),
 ) -> dict[int, FloatArray]:
     """Whitened columns of the parameters, shape (rows, parameters), for every factor of the linear graph that has any.
 
-    ``linear`` is the smoothed problem, linearised at its solution: factors in the graph's order. A parameter of the
-    sensor ``reference`` is that of the fixes and headings that were made from it.
+    ``linear`` is the smoothed problem, linearised at its solution: factors in the graph's order. ``from_reference``
+    names the streams that were made from the reference.
     """
     columns: dict[int, FloatArray] = {}
     for kind, place in _places(smoothed).items():
-        served = ("reference", kind) if kind in ("fixes", "heading") else (kind,)
-        mine = [i for i, p in enumerate(parameters) if p.sensor in served and (kind == "dvl" or kind in KINDS[p.field])]
+        sensor = "reference" if kind in from_reference else kind
+        mine = [i for i, p in enumerate(parameters) if p.sensor == sensor and (kind == "dvl" or kind in KINDS[p.field])]
         if not mine or not place:
             continue
         rows = (

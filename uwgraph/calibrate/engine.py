@@ -79,7 +79,8 @@ def calibrate_dives(
         raise DataError("there is no dive to calibrate from", where="calibrate", remedy="name at least one")
     labels = tuple(names) or tuple(f"dive {i + 1}" for i in range(len(dives)))
     base = rig or dives[0].rig
-    freed = chosen(what, dives, "reference" if reference else "fixes", priors or Priors(), limits or Limits())
+    replaced = reference.replaces if reference else ()
+    freed = chosen(what, dives, replaced, priors or Priors(), limits or Limits())
     parameters = freed + leftovers(dives, base, freed)
     begun = [started(dive, base, parameters) for dive in dives]
     unknowns = Unknowns.of(parameters, len(dives), common_clock=common_clock or len(dives) == 1)
@@ -135,7 +136,7 @@ class _Dive:
         except UwgraphError as error:
             raise type(error)(error.problem, where=f"{self.name}: {error.where}", remedy=error.remedy) from error
         self.guess = smoothed.solution
-        return rig_information(smoothed, self.parameters)
+        return rig_information(smoothed, self.parameters, self.reference.replaces if self.reference else ())
 
 
 def _settings(dive: Dive, settings: SmoothSettings | None, reference: ReferenceUse | None) -> SmoothSettings:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import gtsam
@@ -26,14 +26,17 @@ class Information:
     """Shape (n,): the change that the dive asks for is matrix^-1 vector."""
 
 
-def rig_information(smoothed: Smoothed, parameters: Sequence[Parameter]) -> Information:
+def rig_information(
+    smoothed: Smoothed, parameters: Sequence[Parameter], from_reference: Collection[str] = ()
+) -> Information:
     """Marginal information of the parameters from a dive's measurements.
 
+    ``from_reference`` names the streams that were made from the reference: the parameters of that sensor move them.
     Elimination is by QR, with the rig last; the step in the states that goes with it is not taken.
     """
     linear = smoothed.problem.linearize(smoothed.solved.values)
     scale = np.array([p.prior for p in parameters])
-    columns = {i: block * scale for i, block in rig_columns(smoothed, linear, parameters).items()}
+    columns = {i: block * scale for i, block in rig_columns(smoothed, linear, parameters, from_reference).items()}
     augmented = gtsam.GaussianFactorGraph()
     for i in range(linear.size()):
         factor = linear.at(i)

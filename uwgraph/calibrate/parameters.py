@@ -5,7 +5,7 @@ Everything here is in the units of the rig file (degrees, metres, seconds), and 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -108,7 +108,7 @@ class Parameter:
 
 
 def chosen(
-    what: What | Iterable[str], dives: Sequence[Dive], position: str, priors: Priors, limits: Limits
+    what: What | Iterable[str], dives: Sequence[Dive], replaced: Collection[str], priors: Priors, limits: Limits
 ) -> tuple[Parameter, ...]:
     """The parameters to free: of a choice, or named one by one as ``dvl.scale`` or ``depth.translation_m``.
 
@@ -116,8 +116,9 @@ def chosen(
     ----------
     dives
         Only sensors that one of them has are kept.
-    position
-        Whose positions hold the dives: ``fixes`` or ``reference``; nothing of the other is freed.
+    replaced
+        Streams whose place the reference takes, of which nothing is freed; where there are none, nothing of the
+        reference is.
 
     Raises
     ------
@@ -126,7 +127,7 @@ def chosen(
     """
     here = {name for dive in dives for name, _ in dive.streams()}
     wanted = _CHOICES[what].items() if isinstance(what, str) and what in _CHOICES else _named(what).items()  # type: ignore[index]
-    silent = {"fixes", "reference"} - {position}
+    silent = set(replaced) or {"reference"}
     free = [
         Parameter(sensor, field, index, getattr(priors, field), getattr(limits, field))
         for sensor, fields in wanted

@@ -27,6 +27,11 @@ class ReferenceUse(Settings):
     heading_sigma_deg: Positive | None = None
     """1-sigma of its heading, where it is to aid too."""
 
+    @property
+    def replaces(self) -> tuple[str, ...]:
+        """The streams whose place it takes."""
+        return ("fixes",) if self.heading_sigma_deg is None else ("fixes", "heading")
+
 
 def with_reference_aids(dive: Dive, use: ReferenceUse) -> Dive:
     """The dive with fixes (and headings) made from its reference in place of its own.
