@@ -24,8 +24,8 @@ TRUE_DVL = DvlRig(
     sigma=0.004,
 )
 TURNING = SimulationSettings(
-    duration_s=420.0,
-    leg_length_m=60.0,
+    duration_s=300.0,
+    leg_length_m=40.0,
     line_spacing_m=30.0,
     surface_time_s=10.0,
     current=(0.35, -0.3),
@@ -36,7 +36,7 @@ TURNING = SimulationSettings(
     dvl=DvlModel(rig=TRUE_DVL),
     compass=HeadingModel(),
 )
-STRAIGHT = TURNING.model_copy(update={"pattern": "transit", "duration_s": 480.0, "waves": 0.0, "depth": 5.0})
+STRAIGHT = TURNING.model_copy(update={"pattern": "transit", "duration_s": 360.0, "waves": 0.0, "depth": 5.0})
 
 
 def dive_of(settings: SimulationSettings, seed: int, fix_sigma: float = 0.3, fix_period_s: float = 5.0) -> Dive:

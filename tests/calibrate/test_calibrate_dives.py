@@ -57,7 +57,7 @@ def test_the_rig_states_what_is_left(found: Calibration) -> None:
 
 
 def test_a_straight_run_is_refused_what_it_cannot_show() -> None:
-    dive = bare(cut(dive_of(STRAIGHT, 2), 200.0, 460.0))
+    dive = bare(cut(dive_of(STRAIGHT, 2), 160.0, 350.0))
     found = calibrate_dives([dive], "dvl")
     refused = {e.name for e in found.estimates if not e.observable}
     assert {"dvl.rotation_deg.roll", "dvl.time_offset_s", *(f"dvl.translation_m.{a}" for a in "xyz")} <= refused
@@ -119,6 +119,7 @@ def test_a_rate_is_told_and_not_applied(dive: Dive) -> None:
     assert abs(offset.after - TRUE_DVL.time_offset_s) < 3.5 * offset.sigma
 
 
+@pytest.mark.slow
 def test_the_reference_stands_in_for_fixes(dive: Dive) -> None:
     blind = replace(bare(dive), fixes=None, heading=None, sun=None)
     with pytest.raises(InitialisationError, match="wreck"):

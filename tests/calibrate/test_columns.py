@@ -45,6 +45,7 @@ def parameters(dive: Dive) -> tuple[Parameter, ...]:
     return chosen(NAMES, [dive], (), Priors(), Limits())
 
 
+@pytest.mark.slow
 def test_the_information_is_the_change_of_the_score(dive: Dive, parameters: tuple[Parameter, ...]) -> None:
     """A rig that is wrong by h moves the score by information times h: clocks, levers, mountings alike."""
     track = smoothed(dive).solution
