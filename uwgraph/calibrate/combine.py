@@ -15,6 +15,7 @@ from scipy.stats import chi2
 
 from uwgraph.calibrate.information import Information
 from uwgraph.calibrate.parameters import Parameter
+from uwgraph.dive.rig import Rig
 from uwgraph.types import BoolArray, FloatArray
 
 IndexArray = NDArray[np.intp]
@@ -55,6 +56,11 @@ class Unknowns:
 
     def __len__(self) -> int:
         return len(self.parameters)
+
+    def values(self, rigs: Sequence[Rig]) -> FloatArray:
+        """The unknowns as the dives' rigs have them, the first dive's where they are common."""
+        owners = [rigs[d or 0] for d in self.dive]
+        return np.array([p.value(rig) for p, rig in zip(self.parameters, owners, strict=True)])
 
     @property
     def priors(self) -> FloatArray:

@@ -88,31 +88,38 @@ def calibrate_dives(
         _Dive(label, dive, parameters, reference, _settings(dive, settings, reference))
         for label, (dive, _) in zip(labels, begun, strict=True)
     ]
-    start = np.zeros(len(unknowns))
-    for place, (dive, _) in reversed(list(zip(unknowns.places, begun, strict=True))):
-        start[place] = [p.value(dive.rig) for p in parameters]
+    start = unknowns.values([dive.rig for dive, _ in begun])
+    clocks = np.array([p.of_a_clock for p in unknowns.parameters])
+    own = np.where(clocks, unknowns.values([dive.rig for dive in dives]), start)
+    information, z, converged, rounds = _iterated(vehicle, unknowns, start, progress)
+    return reported(
+        Ending(unknowns, information, z, start, own, freed, labels, converged, rounds),
+        what=what if isinstance(what, str) else "chosen",
+        base=base,
+        rigs=[dive.rig for dive, _ in begun],
+        correlations=[found for _, found in begun],
+    )
 
+
+def _iterated(
+    dives: Sequence[_Dive], unknowns: Unknowns, start: FloatArray, progress: Progress | None
+) -> tuple[list[Information], FloatArray, bool, int]:
+    """What the dives say with the rig where it stands still, where that is, whether it does, and the rounds taken."""
     applied = np.array([p.field != RATE for p in unknowns.parameters])
     z = np.zeros(len(unknowns))
-    for number in range(MAX_ITERATIONS):
+    for number in range(1, MAX_ITERATIONS + 1):
         now = np.where(applied, z, 0.0)
         values = start + now * unknowns.priors
         information = []
-        for d, (one, place) in enumerate(zip(vehicle, unknowns.places, strict=True)):
+        for d, (dive, place) in enumerate(zip(dives, unknowns.places, strict=True)):
             if progress:
-                progress(f"round {number + 1}: {one.name}", (number + d / len(dives)) / MAX_ITERATIONS)
-            information.append(one.information(values[place]))
+                progress(f"round {number}: {dive.name}", (number - 1 + d / len(dives)) / MAX_ITERATIONS)
+            information.append(dive.information(values[place]))
         found = combine(unknowns, added(unknowns, information), now)
-        still = number > 0 and float((np.abs(found.z - z) / found.sigma).max()) <= STILL
-        if still:
-            break
+        if number > 1 and (np.abs(found.z - z) <= STILL * found.sigma).all():
+            return information, now, True, number
         z = found.z
-    own = np.zeros(len(unknowns))
-    for place, dive in reversed(list(zip(unknowns.places, dives, strict=True))):
-        own[place] = [p.value(dive.rig if p.of_a_clock else base) for p in parameters]
-    end = Ending(unknowns, information, now, found, start, own, freed, labels, still, number + 1)
-    name = what if isinstance(what, str) else "chosen"
-    return reported(end, name, base, [dive.rig for dive, _ in begun], [clocks for _, clocks in begun])
+    return information, now, False, MAX_ITERATIONS
 
 
 @dataclass

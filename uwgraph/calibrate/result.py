@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwgraph.calibrate.combine import Combined, Scatter, Unknowns, added, scatter
+from uwgraph.calibrate.combine import Scatter, Unknowns, added, combine, scatter
 from uwgraph.calibrate.information import Information
 from uwgraph.calibrate.observability import Unseen, unseen
 from uwgraph.calibrate.parameters import Parameter, with_values
@@ -78,7 +78,6 @@ class Ending:
     information: Sequence[Information]
     now: FloatArray
     """Where the information was linearised."""
-    found: Combined
     start: FloatArray
     """Start values of the unknowns, in their units: the priors' means."""
     own: FloatArray
@@ -93,7 +92,9 @@ def reported(
     end: Ending, what: str, base: Rig, rigs: Sequence[Rig], correlations: Sequence[Mapping[str, ClockOffset]]
 ) -> Calibration:
     """The calibration from where the iteration ended."""
-    u, found = end.unknowns, end.found
+    u = end.unknowns
+    data = added(u, end.information)
+    found = combine(u, data, end.now)
     common = {i: _scatter(end, i) for i, p in enumerate(end.freed) if u.dive[u.places[0][i]] is None}
     inflation = np.ones(len(u))
     for i, s in common.items():
@@ -143,7 +144,7 @@ def reported(
             for label, rig, place in zip(end.labels, rigs, u.places, strict=True)
         },
         correlations=dict(zip(end.labels, correlations, strict=True)),
-        unseen=unseen(u, names, added(u, end.information), found),
+        unseen=unseen(u, names, data, found),
         converged=end.converged,
         iterations=end.iterations,
     )
