@@ -6,32 +6,16 @@ import json
 import resource
 import signal
 import subprocess
-import sys
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 import pytest
+from commandline import UWGRAPH, told
+from commandline import started as run
 
 from uwgraph.dive.folder import read_dive, write_dive
-
-UWGRAPH = Path(sys.executable).with_name("uwgraph")
-
-
-def run(*arguments: object, preexec: Callable[[], None] | None = None) -> subprocess.CompletedProcess[str]:
-    command = [str(UWGRAPH), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120, preexec_fn=preexec)
-
-
-def told(done: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
-    """It failed with the code and a message for people: no traceback, nothing on standard output."""
-    assert done.returncode == code, done.stderr
-    assert "Traceback" not in done.stderr
-    assert done.stdout == ""
-    for word in words:
-        assert word in done.stderr
 
 
 @pytest.fixture(scope="module")

@@ -2,63 +2,19 @@
 
 from __future__ import annotations
 
-import signal
-import subprocess
-import sys
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commandline import run, started, told
 from mcap.reader import make_reader
 
-from uwgraph.cli import main
 from uwgraph.dive.folder import write_dive
 from uwgraph.evaluate import write_solution
 from uwgraph.export import read_result
 from uwgraph.simulate import SimulationSettings, simulate
 from uwgraph.types import Solution
-
-UWGRAPH = Path(sys.executable).with_name("uwgraph")
-
-
-@dataclass(frozen=True)
-class Done:
-    code: int
-    stdout: str
-    stderr: str
-
-
-Run = Callable[..., Done]
-
-
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    """The entry point in this process: it takes seconds to load what only has to be loaded once."""
-
-    def call(*arguments: object) -> Done:
-        monkeypatch.setattr(sys, "argv", ["uwgraph", "export", *map(str, arguments)])
-        before = signal.getsignal(signal.SIGTERM)
-        try:
-            main()
-            code: object = 0
-        except SystemExit as end:
-            code = end.code
-        finally:
-            signal.signal(signal.SIGTERM, before)
-        out = capsys.readouterr()
-        return Done(code if isinstance(code, int) else 0, out.out, out.err)
-
-    return call
-
-
-def told(done: Done, code: int, *words: str) -> None:
-    assert done.code == code, done.stderr
-    assert "Traceback" not in done.stderr
-    assert done.stdout == ""
-    for word in words:
-        assert word in done.stderr
 
 
 @pytest.fixture(scope="module")
@@ -81,10 +37,10 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]
     return place / "dive", place / "blind", place / "result"
 
 
-def test_every_suffix_makes_its_file(run: Run, folders: tuple[Path, Path, Path], tmp_path: Path) -> None:
+def test_every_suffix_makes_its_file(folders: tuple[Path, Path, Path], tmp_path: Path) -> None:
     _, _, result = folders
     for name in ("a.tum", "a.kitti", "a.mcap", "a.geojson", "a.KML", "a.csv"):
-        done = run(result, "-o", tmp_path / name)
+        done = run("export", result, "-o", tmp_path / name)
         told(done, 0, name, name.partition(".")[2].lower())
         assert (tmp_path / name).stat().st_size > 1000
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(
@@ -97,51 +53,51 @@ def test_every_suffix_makes_its_file(run: Run, folders: tuple[Path, Path, Path],
     assert summary.statistics.message_count == 4 * len(read_result(result)) + 1
 
 
-def test_a_dive_its_reference_its_fixes_and_the_whole(
-    run: Run, folders: tuple[Path, Path, Path], tmp_path: Path
-) -> None:
+def test_a_dive_its_reference_its_fixes_and_the_whole(folders: tuple[Path, Path, Path], tmp_path: Path) -> None:
     dive, blind, _ = folders
-    told(run(dive, "-o", tmp_path / "a.txt", "--format", "tum", "--frame", "enu", "--rate", 1), 0, "ENU world")
+    told(
+        run("export", dive, "-o", tmp_path / "a.txt", "--format", "tum", "--frame", "enu", "--rate", 1), 0, "ENU world"
+    )
     assert 29 <= len((tmp_path / "a.txt").read_text().splitlines()) - 2 <= 31
-    told(run(dive, "-o", tmp_path / "a.kml", "--stream", "fixes"), 0, "a.kml")
-    told(run(blind, "-o", tmp_path / "blind.mcap"), 0, "messages")
-    told(run(dive, "-o", tmp_path / "asl", "--format", "euroc"), 0, "asl")
+    told(run("export", dive, "-o", tmp_path / "a.kml", "--stream", "fixes"), 0, "a.kml")
+    told(run("export", blind, "-o", tmp_path / "blind.mcap"), 0, "messages")
+    told(run("export", dive, "-o", tmp_path / "asl", "--format", "euroc"), 0, "asl")
     assert (tmp_path / "asl/mav0/imu0/data.csv").is_file()
 
 
-def test_a_taken_file_needs_force(run: Run, folders: tuple[Path, Path, Path], tmp_path: Path) -> None:
+def test_a_taken_file_needs_force(folders: tuple[Path, Path, Path], tmp_path: Path) -> None:
     _, _, result = folders
     (tmp_path / "a.kml").write_text("mine")
-    told(run(result, "-o", tmp_path / "a.kml"), 2, "a.kml", "already there", "--force")
+    told(run("export", result, "-o", tmp_path / "a.kml"), 2, "a.kml", "already there", "--force")
     assert (tmp_path / "a.kml").read_text() == "mine"
-    told(run(result, "-o", tmp_path / "a.kml", "--force"), 0)
+    told(run("export", result, "-o", tmp_path / "a.kml", "--force"), 0)
     assert (tmp_path / "a.kml").read_text() != "mine"
     (tmp_path / "b.kml").mkdir()
-    told(run(result, "-o", tmp_path / "b.kml", "--force"), 2, "something else")
+    told(run("export", result, "-o", tmp_path / "b.kml", "--force"), 2, "something else")
 
 
-def test_usage_errors(run: Run, folders: tuple[Path, Path, Path], tmp_path: Path) -> None:
+def test_usage_errors(folders: tuple[Path, Path, Path], tmp_path: Path) -> None:
     dive, _, result = folders
-    told(run(result, "-o", tmp_path / "a.txt"), 2, "'.txt'", ".tum", "--format")
-    told(run(result, "-o", tmp_path / "a"), 2, "suffix", "--format")
-    told(run(result, "-o", tmp_path / "a.kml", "--frame", "enu"), 2, "--frame")
-    told(run(result, "-o", tmp_path / "a.kml", "--stream", "fixes"), 2, "--stream")
-    told(run(dive, "-o", tmp_path / "a.mcap", "--stream", "fixes"), 2, "--stream")
-    told(run(dive, "-o", tmp_path / "a.kml", "--format", "gpx"), 2, "gpx")
-    told(run(result, "-o", tmp_path / "a.kml", "--rate", 0), 2, "--rate")
+    told(run("export", result, "-o", tmp_path / "a.txt"), 2, "'.txt'", ".tum", "--format")
+    told(run("export", result, "-o", tmp_path / "a"), 2, "suffix", "--format")
+    told(run("export", result, "-o", tmp_path / "a.kml", "--frame", "enu"), 2, "--frame")
+    told(run("export", result, "-o", tmp_path / "a.kml", "--stream", "fixes"), 2, "--stream")
+    told(run("export", dive, "-o", tmp_path / "a.mcap", "--stream", "fixes"), 2, "--stream")
+    told(run("export", dive, "-o", tmp_path / "a.kml", "--format", "gpx"), 2, "gpx")
+    told(run("export", result, "-o", tmp_path / "a.kml", "--rate", 0), 2, "--rate")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_sources_that_will_not_do(run: Run, folders: tuple[Path, Path, Path], tmp_path: Path) -> None:
+def test_sources_that_will_not_do(folders: tuple[Path, Path, Path], tmp_path: Path) -> None:
     dive, blind, _ = folders
-    told(run(tmp_path / "nowhere", "-o", tmp_path / "a.kml"), 3, "nowhere", "remedy")
-    told(run(tmp_path, "-o", tmp_path / "a.kml"), 3, "uwgraph smooth", "remedy")
-    told(run(blind, "-o", tmp_path / "a.tum"), 3, "no reference", "smooth")
-    told(run(blind, "-o", tmp_path / "a.kml", "--stream", "fixes"), 3, "no fixes")
-    told(run(dive, "-o", tmp_path / "a.tum", "--stream", "fixes"), 3, "tum")
+    told(run("export", tmp_path / "nowhere", "-o", tmp_path / "a.kml"), 3, "nowhere", "remedy")
+    told(run("export", tmp_path, "-o", tmp_path / "a.kml"), 3, "uwgraph smooth", "remedy")
+    told(run("export", blind, "-o", tmp_path / "a.tum"), 3, "no reference", "smooth")
+    told(run("export", blind, "-o", tmp_path / "a.kml", "--stream", "fixes"), 3, "no fixes")
+    told(run("export", dive, "-o", tmp_path / "a.tum", "--stream", "fixes"), 3, "tum")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_the_installed_command_has_help_with_examples() -> None:
-    done = subprocess.run([str(UWGRAPH), "export", "--help"], capture_output=True, text=True, check=True)
+    done = started("export", "--help")
     assert "uwgraph export" in done.stdout.partition("Example")[2]

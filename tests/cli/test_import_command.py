@@ -2,47 +2,17 @@
 
 from __future__ import annotations
 
-import io
 import json
 import signal
 import subprocess
-import sys
 import time
-from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commandline import UWGRAPH, run, told
 
-from uwgraph.cli import main
-
-UWGRAPH = Path(sys.executable).with_name("uwgraph")
 START_S = 1_654_646_400
-
-
-def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    """The command in this process: a start costs seconds."""
-    command = ["uwgraph", *map(str, arguments)]
-    out, err = io.StringIO(), io.StringIO()
-    terminate = signal.getsignal(signal.SIGTERM)
-    with redirect_stdout(out), redirect_stderr(err), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", command)
-        try:
-            main()
-            code = 0
-        except SystemExit as end:
-            code = int(end.code or 0)
-        finally:
-            signal.signal(signal.SIGTERM, terminate)
-    return subprocess.CompletedProcess(command, code, out.getvalue(), err.getvalue())
-
-
-def told(done: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
-    assert done.returncode == code, done.stderr
-    assert "Traceback" not in done.stderr
-    assert done.stdout == ""
-    for word in words:
-        assert word in done.stderr
 
 
 @pytest.fixture(scope="module")
