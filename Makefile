@@ -29,7 +29,7 @@ bench: setup
 	$(BENCH)/lowering.py
 	$(BENCH)/consistency.py
 	$(BENCH)/calibration.py
-	$(BENCH)/import_memory.py
+	$(BENCH)/import_memory.py --gigabytes 0.5 --case mixed
 	$(BENCH)/sun_value.py --simulated
 	$(BENCH)/sun_speed.py
 	$(BENCH)/efficiency.py

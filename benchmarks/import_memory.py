@@ -33,8 +33,6 @@ from uwgraph.dive.logs.reading import LogOptions
 from uwgraph.types import Origin
 
 LIMIT_MB: Final = 500.0
-LIMIT_BYTES: Final = 250.0
-"""A message of ``imu``, on top of the libraries."""
 START_NS: Final = 1_700_000_000_000_000_000
 TYPES: Final = {
     "/imu": "sensor_msgs/msg/Imu",
@@ -143,10 +141,7 @@ def measured(case: str, gigabytes: float) -> Row:
 
 def figures(rows: list[Row]) -> Iterator[Figure]:
     for row in rows:
-        if row["case"] == "mixed":
-            yield Figure("mixed: peak memory [MB]", row["peak MB"], LIMIT_MB)
-        else:
-            yield Figure("imu: memory a message [bytes]", row["bytes a message"], LIMIT_BYTES)
+        yield Figure(f"{row['case']}: peak memory [MB]", row["peak MB"], LIMIT_MB)
 
 
 def main() -> None:

@@ -6,7 +6,7 @@ import bz2
 from pathlib import Path
 from typing import Final
 
-import lz4.frame  # type: ignore[import-untyped]
+import lz4.frame
 import zstandard
 
 MAX_BLOCK: Final = 1 << 28
