@@ -185,6 +185,15 @@ def test_definitions_that_cannot_be_are_not_believed(tmp_path: Path) -> None:
     assert topics["IMU[0]"].count == 100
 
 
+def test_a_pressure_that_was_hit_is_dropped(tmp_path: Path) -> None:
+    hit = [of("BARO", 79_990_000 + 1000 * k, 1, 0.0, pressure) for k, pressure in enumerate((1e30, -3e9, 5e12))]
+    report = import_dive(written(tmp_path, onboard() + b"".join(hit)), tmp_path / "dive")
+    assert any("depth: 3 of" in done for done in report.conversions)
+    depth = read_dive(tmp_path / "dive").depth
+    assert depth is not None
+    assert depth.depth.max() < 3.0
+
+
 def test_columns_of_other_kinds_than_usual_are_no_stumbling_block(tmp_path: Path) -> None:
     """A log whose definitions were hit: texts and floats where numbers belong, a NaN that signals."""
     swapped = [

@@ -163,8 +163,9 @@ def table_from_stream(name: str, stream: Stream) -> Table:
 
 
 def depth_from_pressure(pressure: FloatArray, lat: float) -> FloatArray:
-    """Depth [m] of sea pressure [Pa, zero at the surface] at a latitude [rad], TEOS-10."""
-    return -np.asarray(gsw.z_from_p(pressure * 1e-4, np.degrees(lat)), dtype=np.float64)
+    """Depth [m] of sea pressure [Pa, zero at the surface] at a latitude [rad], TEOS-10; NaN where there is none."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        return -np.asarray(gsw.z_from_p(pressure * 1e-4, np.degrees(lat)), dtype=np.float64)
 
 
 def _check_groups(name: str, table: Table, where: str) -> None:

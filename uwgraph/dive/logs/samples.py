@@ -15,6 +15,11 @@ from uwgraph.types import BoolArray, FloatArray, TimeArray
 ROW: Final = "row"
 """The column that tells which image a sample is."""
 
+DEEPEST_PA: Final = 1.3e8
+"""At the bottom of the deepest trench, nearly."""
+MAX_DAMAGED: Final = 0.05
+"""Share of the pressures that may be impossible."""
+
 MANDATORY: Final[Mapping[str, tuple[str, ...]]] = {
     "imu": ("f", "w"),
     "depth": ("depth", "height", "pressure"),
@@ -61,6 +66,8 @@ def usable(stream: str, samples: Samples, mapping: TopicMapping, notes: Notes) -
             good &= finite if finite.ndim == 1 else finite.all(axis=1)
     if stream == "imu":
         good &= samples["f"].any(axis=1) if len(samples) else good
+    if "pressure" in samples:
+        good &= _can_be(samples["pressure"])
     if isinstance(mapping, FixesMapping):
         good &= _has_fix(samples, mapping.valid_above)
     if "orientation" in samples and stream == "heading":
@@ -71,6 +78,12 @@ def usable(stream: str, samples: Samples, mapping: TopicMapping, notes: Notes) -
     if isinstance(mapping, FixesMapping):
         samples = _without_repeats(samples, notes)
     return _thinned(stream, samples, mapping.max_rate_hz, notes)
+
+
+def _can_be(pressure: FloatArray) -> BoolArray:
+    """Pressures of this planet, where nearly all are: a number that was hit is dropped, a wrong unit refused later."""
+    possible: BoolArray = (pressure >= 0.0) & (pressure <= DEEPEST_PA)
+    return possible if len(possible) and possible.mean() > 1.0 - MAX_DAMAGED else np.ones(len(pressure), dtype=np.bool_)
 
 
 def _without_repeats(samples: Samples, notes: Notes) -> Samples:
