@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import json
-import signal
-import sys
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
+import commandline
 import numpy as np
 import pytest
+from commandline import Done
 
-from uwgraph.cli import main
 from uwgraph.dive import Dive
 from uwgraph.dive.folder import read_dive, write_dive
 from uwgraph.dive.rig import DvlRig, Rig
@@ -35,34 +33,8 @@ MISSION = SimulationSettings(
 )
 
 
-@dataclass(frozen=True)
-class Done:
-    code: int
-    stdout: str
-    stderr: str
-
-
-Run = Callable[..., Done]
-
-
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    """The entry point in this process."""
-
-    def call(*arguments: object) -> Done:
-        monkeypatch.setattr(sys, "argv", ["uwgraph", "calibrate", *map(str, arguments)])
-        before = signal.getsignal(signal.SIGTERM)
-        try:
-            main()
-            code: object = 0
-        except SystemExit as end:
-            code = end.code
-        finally:
-            signal.signal(signal.SIGTERM, before)
-        out = capsys.readouterr()
-        return Done(code if isinstance(code, int) else 0, out.out, out.err)
-
-    return call
+def run(*arguments: object) -> Done:
+    return commandline.run("calibrate", *arguments)
 
 
 @pytest.fixture(scope="module")
@@ -78,10 +50,10 @@ def folder(dive: Dive, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def test_a_dvl_from_a_dive_to_a_rig_onto_a_dive(run: Run, folder: Path, tmp_path: Path) -> None:
+def test_a_dvl_from_a_dive_to_a_rig_onto_a_dive(folder: Path, tmp_path: Path) -> None:
     rig, copy = tmp_path / "rig.yaml", tmp_path / "copy"
     done = run("dvl", folder, "--free", "dvl.time_offset_s", "--free", "dvl.translation_m", "-o", rig, "--json")
-    assert done.code == 0, done.stderr
+    assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)
     clock = next(e for e in report["estimates"] if e["name"] == "dvl.time_offset_s")
     assert clock["observable"]
@@ -89,13 +61,13 @@ def test_a_dvl_from_a_dive_to_a_rig_onto_a_dive(run: Run, folder: Path, tmp_path
     assert report == json.loads((tmp_path / "rig.json").read_text())
     assert read_rig(rig).dvl.time_offset_s == clock["after"]
 
-    assert run("apply", rig, folder, "-o", copy).code == 0
+    assert run("apply", rig, folder, "-o", copy).returncode == 0
     kept = read_dive(copy)
     assert kept.rig.dvl.translation_m == read_rig(rig).dvl.translation_m
     assert kept.rig.dvl.time_offset_s == 0.0
     assert "rig of rig.yaml" in kept.provenance["conversions"][-1]
 
-    assert run("apply", rig, copy, "--clocks").code == 0
+    assert run("apply", rig, copy, "--clocks").returncode == 0
     again = read_dive(copy)
     assert again.rig == read_rig(rig)
     assert again.dvl is not None
@@ -104,16 +76,16 @@ def test_a_dvl_from_a_dive_to_a_rig_onto_a_dive(run: Run, folder: Path, tmp_path
     assert len(again.provenance["conversions"]) == 2
 
 
-def test_tables_say_what_is_told_and_what_is_not(run: Run, folder: Path) -> None:
+def test_tables_say_what_is_told_and_what_is_not(folder: Path) -> None:
     done = run("mounting", folder, "--free", "heading.rotation_deg", "--free", "depth.translation_m")
-    assert done.code == 0, done.stderr
+    assert done.returncode == 0, done.stderr
     assert "heading.rotation" in done.stdout
     assert "not told" in done.stdout
     assert "1-sigma at most" in done.stdout
     assert "the depth sensor's lever arm z" in done.stdout
 
 
-def test_wrong_usage_is_told(run: Run, folder: Path, tmp_path: Path) -> None:
+def test_wrong_usage_is_told(folder: Path, tmp_path: Path) -> None:
     taken = tmp_path / "rig.yaml"
     taken.write_text("old")
     for arguments, code, words in [
@@ -127,16 +99,16 @@ def test_wrong_usage_is_told(run: Run, folder: Path, tmp_path: Path) -> None:
         (("apply", tmp_path / "no.yaml", folder), 2, "no.yaml"),
     ]:
         done = run(*arguments)
-        assert done.code == code, (arguments, done.stderr)
+        assert done.returncode == code, (arguments, done.stderr)
         assert words in done.stderr, (arguments, done.stderr)
         assert "Traceback" not in done.stderr
     assert taken.read_text() == "old"
 
 
-def test_a_recording_is_not_changed_in_place(run: Run, tmp_path: Path) -> None:
+def test_a_recording_is_not_changed_in_place(tmp_path: Path) -> None:
     recording, rig = tmp_path / "log", tmp_path / "rig.yaml"
     recording.mkdir()
     write_rig(Rig(), rig)
     done = run("apply", rig, recording)
-    assert done.code == 2
+    assert done.returncode == 2
     assert "in place" in done.stderr

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -25,6 +26,11 @@ DVL_EXAMPLES = """Examples:
 [bold]uwgraph calibrate dvl dives/run3 --free dvl.scale --free dvl.time_offset_s --json[/bold]"""
 CLOCK_EXAMPLES = "Example: [bold]uwgraph calibrate clock dives/run1 --heading-deg 124[/bold]"
 MOUNTING_EXAMPLES = "Example: [bold]uwgraph calibrate mounting dives/run1 dives/run2 -o rig.yaml[/bold]"
+DVL_HELP = "Scale, mounting, lever arm and clock of the DVL; what the motion does not show is refused, and said."
+CLOCK_HELP = """Offset and rate of every sensor's clock against the IMU's: by correlation, refined in the graph.
+
+A rate is told, not applied: a rig has none. An offset is that at the middle of the stream."""
+MOUNTING_HELP = "Rotations and lever arms of compass, sun sensor, depth sensor, fixes and reference."
 APPLY_EXAMPLES = """Examples:
 
 [bold]uwgraph calibrate apply rig.yaml dives/run7[/bold] (in place)
@@ -70,67 +76,32 @@ Json = Annotated[bool, typer.Option("--json", help="JSON on standard output, for
 Force = Annotated[bool, typer.Option("--force", help="Replace files that are already there.")]
 
 
-@app.command("dvl", epilog=DVL_EXAMPLES)
-def dvl(
-    dives: Dives,
-    out: Out = None,
-    rig: Start = None,
-    free: Free = None,
-    reference: Referenced = False,
-    reference_sigma: ReferenceSigma = None,
-    reference_heading: ReferenceHeading = None,
-    common_clock: CommonClock = False,
-    initial: Initial = None,
-    heading_deg: Heading = None,
-    as_json: Json = False,
-    force: Force = False,
-) -> None:
-    """Scale, mounting, lever arm and clock of the DVL; what the motion does not show is refused, and said."""
-    use = _Use(reference, reference_sigma, reference_heading, common_clock, initial, heading_deg)
-    _calibrate("dvl", dives, free, rig, use, out, as_json, force)
+def _command(what: What) -> Callable[..., None]:
+    """The command of one choice: the three differ in what they free and in nothing else."""
+
+    def command(
+        dives: Dives,
+        out: Out = None,
+        rig: Start = None,
+        free: Free = None,
+        reference: Referenced = False,
+        reference_sigma: ReferenceSigma = None,
+        reference_heading: ReferenceHeading = None,
+        common_clock: CommonClock = False,
+        initial: Initial = None,
+        heading_deg: Heading = None,
+        as_json: Json = False,
+        force: Force = False,
+    ) -> None:
+        use = _Use(reference, reference_sigma, reference_heading, common_clock, initial, heading_deg)
+        _calibrate(what, dives, free, rig, use, out, as_json, force)
+
+    return command
 
 
-@app.command("clock", epilog=CLOCK_EXAMPLES)
-def clock(
-    dives: Dives,
-    out: Out = None,
-    rig: Start = None,
-    free: Free = None,
-    reference: Referenced = False,
-    reference_sigma: ReferenceSigma = None,
-    reference_heading: ReferenceHeading = None,
-    common_clock: CommonClock = False,
-    initial: Initial = None,
-    heading_deg: Heading = None,
-    as_json: Json = False,
-    force: Force = False,
-) -> None:
-    """Offset and rate of every sensor's clock against the IMU's: by correlation, refined in the graph.
-
-    A rate is told, not applied: a rig has none. An offset is that at the middle of the stream.
-    """
-    use = _Use(reference, reference_sigma, reference_heading, common_clock, initial, heading_deg)
-    _calibrate("clock", dives, free, rig, use, out, as_json, force)
-
-
-@app.command("mounting", epilog=MOUNTING_EXAMPLES)
-def mounting(
-    dives: Dives,
-    out: Out = None,
-    rig: Start = None,
-    free: Free = None,
-    reference: Referenced = False,
-    reference_sigma: ReferenceSigma = None,
-    reference_heading: ReferenceHeading = None,
-    common_clock: CommonClock = False,
-    initial: Initial = None,
-    heading_deg: Heading = None,
-    as_json: Json = False,
-    force: Force = False,
-) -> None:
-    """Rotations and lever arms of compass, sun sensor, depth sensor, fixes and reference."""
-    use = _Use(reference, reference_sigma, reference_heading, common_clock, initial, heading_deg)
-    _calibrate("mounting", dives, free, rig, use, out, as_json, force)
+app.command("dvl", epilog=DVL_EXAMPLES, help=DVL_HELP)(_command("dvl"))
+app.command("clock", epilog=CLOCK_EXAMPLES, help=CLOCK_HELP)(_command("clock"))
+app.command("mounting", epilog=MOUNTING_EXAMPLES, help=MOUNTING_HELP)(_command("mounting"))
 
 
 @app.command("apply", epilog=APPLY_EXAMPLES)
