@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import commandline
 import cv2
 import numpy as np
 import pytest
+from commandline import Done
 from typer.testing import CliRunner
 
 from uwgraph.cli import sun
@@ -22,7 +22,6 @@ from uwgraph.simulate.exposure import auto_scale, behind_polarizer, expose, mosa
 from uwgraph.sun.camera_file import CameraFile, write_camera
 from uwgraph.sun.ephemeris import sun_azimuth_elevation
 
-UWGRAPH = Path(sys.executable).with_name("uwgraph")
 LAT_DEG, LON_DEG, UTC, T_NS = 32.8, 34.9, "2022-06-08T06:30:00Z", 1_654_669_800_000_000_000
 ROLL_DEG, PITCH_DEG, HEADING_DEG = -3.0, 4.0, 215.0
 WHERE = ("--utc", UTC, "--lat", LAT_DEG, "--lon", LON_DEG)
@@ -30,9 +29,8 @@ TILT = ("--roll-deg", ROLL_DEG, "--pitch-deg", PITCH_DEG)
 SENSOR = ImageModel().sensor
 
 
-def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [str(UWGRAPH), "sun", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+def run(*arguments: object) -> Done:
+    return commandline.run("sun", *arguments)
 
 
 def estimated(*arguments: object) -> dict[str, object]:
@@ -190,14 +188,9 @@ def test_show_draws(pictures: Pictures, tmp_path: Path, arguments: tuple[str, ..
 @pytest.mark.slow
 def test_process_makes_a_sun_stream(tmp_path: Path) -> None:
     dive = tmp_path / "dive"
-    made = subprocess.run(
-        [
-            *(str(UWGRAPH), "simulate", str(dive), "--images", "polarization", "--image-rate", "0.05"),
-            *("--image-depth", "5", "--duration", "120", "--no-sun"),
-        ],
-        capture_output=True,
-        text=True,
-        check=False,
+    made = commandline.run(
+        *("simulate", dive, "--images", "polarization", "--image-rate", "0.05"),
+        *("--image-depth", "5", "--duration", "120", "--no-sun"),
     )
     assert made.returncode == 0, made.stderr
     damaged = sorted((dive / "images" / "sky").glob("*.png"))[2]
