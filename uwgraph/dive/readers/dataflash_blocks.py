@@ -69,7 +69,8 @@ class Block:
 
     def column(self, kind: int, this: Format, name: str) -> NDArray[Any]:
         """One column of them, as it is in the file."""
-        dtype, offset = (this.dtype.fields or {})[name][:2]
+        fields: Mapping[str, Any] = this.dtype.fields or {}
+        dtype, offset = fields[name][:2]
         index = np.array(self.offsets[kind])[:, None] + offset + np.arange(dtype.itemsize)
         column: NDArray[Any] = np.frombuffer(self.data, np.uint8)[index].reshape(-1).view(dtype)
         return column

@@ -126,7 +126,7 @@ class Facts:
     def _unit_ids(self) -> list[tuple[int, str, str]]:
         """Type, letters of its units, letters of their multipliers."""
         kinds, units, scales = (c.tolist() for c in self.columns("FMTU", FmtType=WHOLE, UnitIds=TEXT, MultIds=TEXT))
-        return [(int(k), *(_text(t) for t in texts)) for k, *texts in zip(kinds, units, scales, strict=True)]
+        return [(int(k), _text(u), _text(s)) for k, u, s in zip(kinds, units, scales, strict=True)]
 
 
 def _has(dtype: np.dtype[Any], kinds: Mapping[str, str]) -> bool:
