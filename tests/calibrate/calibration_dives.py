@@ -36,7 +36,9 @@ TURNING = SimulationSettings(
     dvl=DvlModel(rig=TRUE_DVL),
     compass=HeadingModel(),
 )
-STRAIGHT = TURNING.model_copy(update={"pattern": "transit", "duration_s": 360.0, "waves": 0.0, "depth": 5.0})
+STRAIGHT = TURNING.model_copy(
+    update={"pattern": "transit", "duration_s": 360.0, "waves": 0.0, "depth": 5.0, "grade": "mems"}
+)
 
 
 def dive_of(settings: SimulationSettings, seed: int, fix_sigma: float = 0.3, fix_period_s: float = 5.0) -> Dive:

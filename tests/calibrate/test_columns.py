@@ -7,8 +7,9 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
-from calibration_dives import LEVER, TURNING, dive_of
+from calibration_dives import LEVER, STRAIGHT, TURNING, cut, dive_of
 
+from uwgraph.calibrate.column_noise import reliability
 from uwgraph.calibrate.columns import euler_axes, rig_columns
 from uwgraph.calibrate.information import rig_information
 from uwgraph.calibrate.parameters import CAN, RATE, Limits, Parameter, Priors, chosen, with_values
@@ -107,3 +108,18 @@ def test_euler_axes_turn_the_body(rph: tuple[float, float, float]) -> None:
         more[i] += 1e-5
         dR = (matrix_from_rph(np.radians(more)) - R) @ R.T / 1e-5
         np.testing.assert_allclose([dR[2, 1], dR[0, 2], dR[1, 0]], axes[:, i], atol=1e-8)
+
+
+def test_what_a_straight_run_seems_to_tell_of_a_clock_is_noise() -> None:
+    """Of a lever arm too; where the vehicle turns, next to nothing of it is."""
+    parameters = chosen(
+        ["dvl.translation_m", "dvl.time_offset_s", "dvl.scale"], [dive_of(TURNING, 0)], (), Priors(), Limits()
+    )
+    shares = []
+    for run in (cut(dive_of(STRAIGHT, 0), 160.0, 350.0), dive_of(TURNING, 0)):
+        found = smoothed(run)
+        linear = found.problem.linearize(found.solved.values)
+        columns = rig_columns(found, linear, parameters)
+        shares.append(reliability(found, linear, columns, parameters))
+    np.testing.assert_array_equal(shares[0], [0.0, 0.0, 0.0, 0.0, 1.0])
+    assert (shares[1] > 0.99).all()

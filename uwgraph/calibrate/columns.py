@@ -48,7 +48,7 @@ def rig_columns(
     names the streams that were made from the reference.
     """
     columns: dict[int, FloatArray] = {}
-    for kind, place in _places(smoothed).items():
+    for kind, place in factor_places(smoothed).items():
         sensor = "reference" if kind in from_reference else kind
         mine = [i for i, p in enumerate(parameters) if p.sensor == sensor and (kind == "dvl" or kind in KINDS[p.field])]
         if not mine or not place:
@@ -64,6 +64,37 @@ def rig_columns(
     return columns
 
 
+def column_noise(
+    smoothed: Smoothed, linear: gtsam.GaussianFactorGraph, parameters: Sequence[Parameter]
+) -> FloatArray:
+    """What noise alone puts on the diagonal of the parameters' information, shape (parameters,).
+
+    The columns of a DVL's lever arm and clock are turns and changes of velocity, whose estimates carry the IMU's noise.
+    Squared and summed over an hour, that passes for motion.
+    """
+    noise = np.zeros(len(parameters))
+    place = _places(smoothed).get("dvl")
+    mine = [n for n, p in enumerate(parameters) if p.sensor == "dvl" and (p.of_a_clock or p.field == "translation_m")]
+    if not place or not mine:
+        return noise
+    keys, root, R_ij = _intervals(smoothed, linear, place)
+    weight = np.sum((root @ np.swapaxes(R_ij, 1, 2)) ** 2, axis=1)
+    i, j = keys.T
+    solution, imu = smoothed.solution, smoothed.prepared.dive.rig.imu
+    dt = (solution.t_ns[j] - solution.t_ns[i]) * 1e-9
+    turned = imu.gyro_noise_density**2 * dt
+    speed = np.linalg.norm(solution.v_n[i], axis=1)
+    changed = imu.accel_noise_density**2 * dt + speed**2 * turned
+    middle = (solution.t_ns[i] + solution.t_ns[j]) // 2
+    for n in mine:
+        p = parameters[n]
+        if p.of_a_clock:
+            noise[n] = np.sum(weight.sum(axis=1) * changed * _clock(p, middle) ** 2)
+        else:
+            noise[n] = np.sum((weight.sum(axis=1) - weight[:, p.index]) * turned)
+    return noise
+
+
 def euler_axes(rph_deg: Sequence[float]) -> FloatArray:
     """Turns of the body frame [rad] that a degree of roll, pitch and yaw makes, columns of shape (3, 3)."""
     _, pitch, yaw = np.radians(rph_deg)
@@ -74,7 +105,7 @@ def euler_axes(rph_deg: Sequence[float]) -> FloatArray:
     return turns
 
 
-def _places(smoothed: Smoothed) -> dict[str, range]:
+def factor_places(smoothed: Smoothed) -> dict[str, range]:
     """Where the factors of each kind stand in the graph."""
     ends = np.cumsum([0, *smoothed.problem.counts.values()]).tolist()
     kinds = dict(zip(smoothed.problem.counts, map(range, ends[:-1], ends[1:]), strict=True))
@@ -108,7 +139,7 @@ def _pose(
             turn = [0.0, 0.0, np.radians(1.0)] if kind == "heading" else euler_axes(sensor.rotation_deg)[:, p.index]
             motions[:, :3, j] = R_kt @ turn
         else:
-            motions[:, :, j] = moved[..., 0] * _clock(p, t_ns)[:, None]
+            motions[:, :, j] = moved[..., 0] * seconds_later(p, t_ns)[:, None]
     columns: FloatArray = jacobians @ motions
     return columns
 
@@ -121,12 +152,10 @@ def _dvl(
     What the DVL should have measured changes by dq, in the axes of the interval's start; moving the end pose by as
     much does the same.
     """
-    keys = np.array([[gtsam.symbolIndex(key) for key in linear.at(i).keys()] for i in place])  # noqa: SIM118
-    to_end = np.array([linear.at(i).jacobian()[0][:, 9:12] for i in place])
+    keys, to_end, R_ij = _intervals(smoothed, linear, place)
     i, j = keys.T
     solution, track, rig = smoothed.solution, smoothed.track, smoothed.prepared.dive.rig.dvl
     R_in = np.swapaxes(solution.R_nb[i], 1, 2)
-    R_ij = R_in @ solution.R_nb[j]
     middle = (solution.t_ns[i] + solution.t_ns[j]) // 2
     R_mid = R_in @ track.rotation_at(middle)
     bend, bend_of_lever = _bend(smoothed, i, j)
@@ -147,9 +176,19 @@ def _dvl(
         elif p.field == "translation_m":
             dq[..., n] = (lever - bend_of_lever)[..., p.index]
         else:
-            dq[..., n] = later * _clock(p, middle)[:, None]
+            dq[..., n] = later * seconds_later(p, middle)[:, None]
     columns: FloatArray = to_end @ np.swapaxes(R_ij, 1, 2) @ dq
     return columns
+
+
+def _intervals(
+    smoothed: Smoothed, linear: gtsam.GaussianFactorGraph, place: range
+) -> tuple[IndexArray, FloatArray, FloatArray]:
+    """Of the displacement factors: keyframes, shape (N, 2), whitened rows of the end's position, and R_ij."""
+    keys = np.array([[gtsam.symbolIndex(key) for key in linear.at(i).keys()] for i in place])  # noqa: SIM118
+    to_end = np.array([linear.at(i).jacobian()[0][:, 9:12] for i in place])
+    R_nb = smoothed.solution.R_nb
+    return keys, to_end, np.swapaxes(R_nb[keys[:, 0]], 1, 2) @ R_nb[keys[:, 1]]
 
 
 def _bend(smoothed: Smoothed, i: IndexArray, j: IndexArray) -> tuple[FloatArray, FloatArray]:
@@ -164,7 +203,7 @@ def _bend(smoothed: Smoothed, i: IndexArray, j: IndexArray) -> tuple[FloatArray,
     return here, np.stack(axes, axis=-1) - still[..., None]
 
 
-def _clock(p: Parameter, t_ns: TimeArray) -> FloatArray:
+def seconds_later(p: Parameter, t_ns: TimeArray) -> FloatArray:
     """Seconds that a measurement is later, per unit of the parameter; a rate turns about the middle of the stream."""
     if p.field == "time_offset_s":
         return np.ones(len(t_ns))

@@ -17,9 +17,10 @@ from uwgraph.calibrate.information import Information, rig_information
 from uwgraph.calibrate.parameters import RATE, Limits, Parameter, Priors, What, chosen, leftovers, with_values
 from uwgraph.calibrate.reference_aids import ReferenceUse, with_reference_aids
 from uwgraph.calibrate.result import Calibration, Ending, reported
-from uwgraph.calibrate.start import started
+from uwgraph.calibrate.start import silent, started
 from uwgraph.dive import Dive
 from uwgraph.dive.rig import Rig
+from uwgraph.dive.rigfile import apply_rig
 from uwgraph.errors import DataError, UwgraphError
 from uwgraph.graph import SmoothSettings
 from uwgraph.graph.smooth import solve_dive
@@ -63,7 +64,7 @@ def calibrate_dives(
     common_clock
         One clock offset for all dives, not one each.
     rig
-        Start from this one.
+        Put onto all dives before anything else; their own clock offsets stay.
     settings
         Of the smoothing. ``dvl_calibration`` counts for nothing: what is not freed of the DVL's scale and mounting is
         estimated along, with the rig's sigmas.
@@ -78,15 +79,17 @@ def calibrate_dives(
     if not dives:
         raise DataError("there is no dive to calibrate from", where="calibrate", remedy="name at least one")
     labels = tuple(names) or tuple(f"dive {i + 1}" for i in range(len(dives)))
-    base = rig or dives[0].rig
+    if rig is not None:
+        dives = [apply_rig(dive, rig, keep_clocks=True) for dive in dives]
+    base = dives[0].rig
     replaced = reference.replaces if reference else ()
     freed = chosen(what, dives, replaced, priors or Priors(), limits or Limits())
     parameters = freed + leftovers(dives, base, freed)
     begun = [started(dive, base, parameters) for dive in dives]
     unknowns = Unknowns.of(parameters, len(dives), common_clock=common_clock or len(dives) == 1)
     vehicle = [
-        _Dive(label, dive, parameters, reference, _settings(dive, settings, reference))
-        for label, (dive, _) in zip(labels, begun, strict=True)
+        _Dive(label, dive, parameters, silent(parameters, found), reference, _settings(dive, settings, reference))
+        for label, (dive, found) in zip(labels, begun, strict=True)
     ]
     start = unknowns.values([dive.rig for dive, _ in begun])
     clocks = np.array([p.of_a_clock for p in unknowns.parameters])
@@ -129,6 +132,8 @@ class _Dive:
     name: str
     dive: Dive
     parameters: tuple[Parameter, ...]
+    silent: Sequence[int]
+    """Parameters that it is not asked for."""
     reference: ReferenceUse | None
     settings: SmoothSettings
     guess: Solution | None = field(default=None)
@@ -143,7 +148,8 @@ class _Dive:
         except UwgraphError as error:
             raise type(error)(error.problem, where=f"{self.name}: {error.where}", remedy=error.remedy) from error
         self.guess = smoothed.solution
-        return rig_information(smoothed, self.parameters, self.reference.replaces if self.reference else ())
+        replaced = self.reference.replaces if self.reference else ()
+        return rig_information(smoothed, self.parameters, replaced).without(self.silent)
 
 
 def _settings(dive: Dive, settings: SmoothSettings | None, reference: ReferenceUse | None) -> SmoothSettings:

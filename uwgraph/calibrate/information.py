@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from uwgraph.calibrate.columns import rig_columns
+from uwgraph.calibrate.column_noise import reliability
+from uwgraph.calibrate.columns import column_noise, rig_columns
 from uwgraph.calibrate.parameters import Parameter
 from uwgraph.graph.smooth import Smoothed
 from uwgraph.types import FloatArray
@@ -25,6 +26,12 @@ class Information:
     vector: FloatArray
     """Shape (n,): the change that the dive asks for is matrix^-1 vector."""
 
+    def without(self, which: Sequence[int]) -> Information:
+        """The information of a dive that says nothing about some parameters."""
+        matrix, vector = self.matrix.copy(), self.vector.copy()
+        matrix[which, :], matrix[:, which], vector[which] = 0.0, 0.0, 0.0
+        return Information(matrix, vector)
+
 
 def rig_information(
     smoothed: Smoothed, parameters: Sequence[Parameter], from_reference: Collection[str] = ()
@@ -32,11 +39,14 @@ def rig_information(
     """Marginal information of the parameters from a dive's measurements.
 
     ``from_reference`` names the streams that were made from the reference: the parameters of that sensor move them.
-    Elimination is by QR, with the rig last; the step in the states that goes with it is not taken.
+    Elimination is by QR, with the rig last; the step in the states that goes with it is not taken. What is noise in a
+    column is no information: it is taken off in proportion.
     """
     linear = smoothed.problem.linearize(smoothed.solved.values)
     scale = np.array([p.prior for p in parameters])
-    columns = {i: block * scale for i, block in rig_columns(smoothed, linear, parameters, from_reference).items()}
+    plain = rig_columns(smoothed, linear, parameters, from_reference)
+    motion = np.sqrt(reliability(smoothed, linear, plain, parameters, from_reference))
+    columns = {i: block * scale for i, block in plain.items()}
     augmented = gtsam.GaussianFactorGraph()
     for i in range(linear.size()):
         factor = linear.at(i)
@@ -54,7 +64,7 @@ def rig_information(
         A, b = left.at(i).jacobian()
         matrix += A.T @ A
         vector += A.T @ b
-    return Information(matrix, vector)
+    return Information(matrix * np.outer(motion, motion), vector * motion)
 
 
 def _with_rig(factor: gtsam.GaussianFactor, columns: FloatArray) -> gtsam.JacobianFactor:
