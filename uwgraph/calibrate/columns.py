@@ -64,37 +64,6 @@ def rig_columns(
     return columns
 
 
-def column_noise(
-    smoothed: Smoothed, linear: gtsam.GaussianFactorGraph, parameters: Sequence[Parameter]
-) -> FloatArray:
-    """What noise alone puts on the diagonal of the parameters' information, shape (parameters,).
-
-    The columns of a DVL's lever arm and clock are turns and changes of velocity, whose estimates carry the IMU's noise.
-    Squared and summed over an hour, that passes for motion.
-    """
-    noise = np.zeros(len(parameters))
-    place = _places(smoothed).get("dvl")
-    mine = [n for n, p in enumerate(parameters) if p.sensor == "dvl" and (p.of_a_clock or p.field == "translation_m")]
-    if not place or not mine:
-        return noise
-    keys, root, R_ij = _intervals(smoothed, linear, place)
-    weight = np.sum((root @ np.swapaxes(R_ij, 1, 2)) ** 2, axis=1)
-    i, j = keys.T
-    solution, imu = smoothed.solution, smoothed.prepared.dive.rig.imu
-    dt = (solution.t_ns[j] - solution.t_ns[i]) * 1e-9
-    turned = imu.gyro_noise_density**2 * dt
-    speed = np.linalg.norm(solution.v_n[i], axis=1)
-    changed = imu.accel_noise_density**2 * dt + speed**2 * turned
-    middle = (solution.t_ns[i] + solution.t_ns[j]) // 2
-    for n in mine:
-        p = parameters[n]
-        if p.of_a_clock:
-            noise[n] = np.sum(weight.sum(axis=1) * changed * _clock(p, middle) ** 2)
-        else:
-            noise[n] = np.sum((weight.sum(axis=1) - weight[:, p.index]) * turned)
-    return noise
-
-
 def euler_axes(rph_deg: Sequence[float]) -> FloatArray:
     """Turns of the body frame [rad] that a degree of roll, pitch and yaw makes, columns of shape (3, 3)."""
     _, pitch, yaw = np.radians(rph_deg)

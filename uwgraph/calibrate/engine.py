@@ -83,8 +83,9 @@ def calibrate_dives(
         dives = [apply_rig(dive, rig, keep_clocks=True) for dive in dives]
     base = dives[0].rig
     replaced = reference.replaces if reference else ()
-    freed = chosen(what, dives, replaced, priors or Priors(), limits or Limits())
-    parameters = freed + leftovers(dives, base, freed)
+    priors = priors or Priors()
+    freed = chosen(what, dives, replaced, priors, limits or Limits())
+    parameters = freed + leftovers(dives, base, freed, priors)
     begun = [started(dive, base, parameters) for dive in dives]
     unknowns = Unknowns.of(parameters, len(dives), common_clock=common_clock or len(dives) == 1)
     vehicle = [

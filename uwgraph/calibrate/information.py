@@ -9,7 +9,7 @@ import gtsam
 import numpy as np
 
 from uwgraph.calibrate.column_noise import reliability
-from uwgraph.calibrate.columns import column_noise, rig_columns
+from uwgraph.calibrate.columns import rig_columns
 from uwgraph.calibrate.parameters import Parameter
 from uwgraph.graph.smooth import Smoothed
 from uwgraph.types import FloatArray

@@ -144,15 +144,22 @@ def chosen(
     return tuple(free)
 
 
-def leftovers(dives: Sequence[Dive], rig: Rig, freed: Sequence[Parameter]) -> tuple[Parameter, ...]:
-    """What the rig itself calls uncertain and nobody freed: it is estimated along, and not told."""
+def leftovers(dives: Sequence[Dive], rig: Rig, freed: Sequence[Parameter], priors: Priors) -> tuple[Parameter, ...]:
+    """What the rig itself does not know and nobody freed: it is estimated along, and not told.
+
+    That is the DVL's scale and mounting, with the rig's own sigmas, and the lever arms of DVL and depth sensor where
+    the rig has none: held at zero, a forgotten lever arm would go into a clock, with a small sigma.
+    """
     taken = {(p.sensor, p.field) for p in freed}
-    sigmas = {"scale": rig.dvl.scale_sigma, "rotation_deg": rig.dvl.misalignment_sigma_deg}
+    unknown = {("dvl", "scale"): rig.dvl.scale_sigma, ("dvl", "rotation_deg"): rig.dvl.misalignment_sigma_deg}
+    for sensor in ("dvl", "depth"):
+        if not getattr(rig, sensor).l_b.any():
+            unknown[sensor, "translation_m"] = priors.translation_m
     return tuple(
-        Parameter("dvl", field, index, sigma)
-        for field, sigma in sigmas.items()
-        if sigma > 0.0 and ("dvl", field) not in taken and any(dive.dvl is not None for dive in dives)
-        for index in _components("dvl", field)
+        Parameter(sensor, field, index, sigma)
+        for (sensor, field), sigma in unknown.items()
+        if sigma > 0.0 and (sensor, field) not in taken and any(getattr(dive, sensor) is not None for dive in dives)
+        for index in _components(sensor, field)
     )
 
 

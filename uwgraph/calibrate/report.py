@@ -19,6 +19,9 @@ CRITERION = (
     f"told: 1-sigma at most {TOLD:g} of the prior's, and within the limit of use; all else is left at the rig's value"
 )
 
+DOUBTFUL = 5.0
+"""Sigmas between a clock by correlation and in the graph, beyond which one of them is wrong."""
+
 
 def as_plain(calibration: Calibration) -> dict[str, Any]:
     """Everything, as JSON takes it: what is not a number is None."""
@@ -33,11 +36,32 @@ def as_plain(calibration: Calibration) -> dict[str, Any]:
             dive: {sensor: asdict(c) for sensor, c in found.items()} for dive, found in calibration.correlations.items()
         },
         "not_shown": [asdict(u) for u in calibration.unseen],
+        "doubts": doubts(calibration),
         "covariance": {"names": calibration.names, "matrix": calibration.covariance},
         "rig": calibration.rig.model_dump(mode="json"),
     }
     plain: dict[str, Any] = _plain(values)
     return plain
+
+
+def doubts(calibration: Calibration) -> list[str]:
+    """Clocks of which graph and correlation say different things: then something fixed in the rig is wrong."""
+    found = []
+    for dive, correlations in calibration.correlations.items():
+        for sensor, correlated in correlations.items():
+            own = f"{sensor}.time_offset_s"
+            refined = next((e for e in calibration.clocks if e.name == f"{dive}: {own}"), None) or next(
+                (e for e in calibration.estimates if e.name == own), None
+            )
+            if refined is None or not refined.observable or not correlated.observable:
+                continue
+            apart = abs(refined.after - correlated.offset_s)
+            if apart > DOUBTFUL * np.hypot(refined.sigma, correlated.sigma_s):
+                found.append(
+                    f"{dive}: {own} is {refined.after:.3f} s in the graph, {correlated.offset_s:.3f} s by correlation: "
+                    "a lever arm, mounting or axis in the rig is wrong, and all sigmas with it; calibrate dvl first"
+                )
+    return found
 
 
 def report_file(rig_file: Path) -> Path:

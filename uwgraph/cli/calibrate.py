@@ -11,7 +11,7 @@ import typer
 from uwgraph.cli import calibrate_import, calibrate_noise
 from uwgraph.cli.calibrate_noise import refuse_existing
 from uwgraph.cli.console import note, print_json, print_table, progress_bar
-from uwgraph.errors import ConfigError, DataError
+from uwgraph.errors import ConfigError, DataError, SolveError
 
 if TYPE_CHECKING:
     from uwgraph.calibrate import Calibration, Estimate
@@ -51,7 +51,8 @@ Out = Annotated[
     Path | None, typer.Option("--out", "-o", metavar="RIG.yaml", help="Write the rig, and its covariance as RIG.json.")
 ]
 Start = Annotated[
-    Path | None, typer.Option("--rig", metavar="RIG.yaml", help="Start from this rig, not from the first dive's.")
+    Path | None,
+    typer.Option("--rig", metavar="RIG.yaml", help="Put this rig onto the dives first; their clocks stay."),
 ]
 Free = Annotated[
     list[str] | None,
@@ -175,7 +176,7 @@ def _calibrate(
     force: bool,
 ) -> None:
     from uwgraph.calibrate import calibrate_dives
-    from uwgraph.calibrate.report import as_plain, report_file, write_calibration
+    from uwgraph.calibrate.report import as_plain, doubts, report_file, write_calibration
     from uwgraph.cli.source import load_dive
     from uwgraph.dive.rigfile import read_rig
 
@@ -197,10 +198,18 @@ def _calibrate(
             settings=use.settings,
             progress=progress,
         )
+    if not found.converged:
+        raise SolveError(
+            f"does not stand still after {found.iterations} rounds: its numbers are not to be trusted",
+            where=", ".join(map(str, dives)),
+            remedy="free fewer numbers with --free, give more of the rig with --rig, or dives with more motion",
+        )
     if as_json:
         print_json(as_plain(found))
     else:
         _print(found)
+    for doubt in doubts(found):
+        note(f"doubt: {doubt}")
     if out is not None:
         if not any(e.observable for e in found.estimates):
             raise DataError(
@@ -238,8 +247,6 @@ def _print(found: Calibration) -> None:
     for e in found.estimates:
         if e.inflated > 1.0:
             print(f"  - {e.name}: the dives scatter more than they should; its 1-sigma is {e.inflated:.1f} times wider")
-    if not found.converged:
-        note(f"not converged after {found.iterations} rounds: the sigmas are not to be trusted")
 
 
 def _row(e: Estimate) -> tuple[str, ...]:

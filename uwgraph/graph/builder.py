@@ -183,7 +183,9 @@ def _dvl(
         l_b=np.zeros(3) if calibrated else rig.l_b,
         max_gap_s=rig.max_gap_s,
     )
-    measured = replace(measured, d_start=measured.d_start + bend_between_pings(prepared.imu, rig.l_b, dvl.t_ns, keyframes))
+    measured = replace(
+        measured, d_start=measured.d_start + bend_between_pings(prepared.imu, rig.l_b, dvl.t_ns, keyframes)
+    )
     k = np.flatnonzero(measured.valid).tolist()
     if not calibrated:
         robust = loss(3)
