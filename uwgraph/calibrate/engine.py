@@ -28,7 +28,7 @@ from uwgraph.types import FloatArray, Solution
 
 MAX_ITERATIONS = 12
 STILL = 0.02
-"""The rig stands still when no unknown would move by more than this part of its sigma."""
+"""The rig stands still when nothing that is told would move by more than this part of its sigma."""
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and how much of it is done, 0 to 1."""
@@ -120,9 +120,10 @@ def _iterated(
                 progress(f"round {number}: {dive.name}", (number - 1 + d / len(dives)) / MAX_ITERATIONS)
             information.append(dive.information(values[place]))
         found = combine(unknowns, added(unknowns, information), now)
-        if number > 1 and (np.abs(found.z - z) <= STILL * found.sigma).all():
+        if number > 1 and (np.abs(found.z - z) <= STILL * found.sigma)[found.told].all():
             return information, now, True, number
-        z = found.z
+        # what is not told stays: noise would drive it far from where the graph is linear
+        z = np.where(found.told, found.z, 0.0)
     return information, now, False, MAX_ITERATIONS
 
 

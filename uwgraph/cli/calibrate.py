@@ -236,6 +236,8 @@ def _print(found: Calibration) -> None:
         print_table("clocks of each dive", header[:-2], [_row(e)[:-2] for e in found.clocks])
     rows = [
         (dive, sensor, *(f"{x:.4g}" for x in (c.offset_s, c.sigma_s, c.rate_ppm, c.rate_sigma_ppm)))
+        if c.observable
+        else (dive, sensor, c.how, "", "", "")
         for dive, clocks in found.correlations.items()
         for sensor, c in clocks.items()
     ]

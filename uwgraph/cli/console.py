@@ -95,7 +95,8 @@ def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]
         table.add_column(name, overflow="fold")
     for row in rows:
         table.add_row(*map(escape, row))
-    Console().print(table)
+    # a file or a pipe has no width: 80 columns would break the names
+    Console(width=None if sys.stdout.isatty() else 120).print(table)
 
 
 def print_metrics(metrics: Mapping[str, Any], title: str) -> None:
