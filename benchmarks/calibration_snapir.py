@@ -42,7 +42,7 @@ MAX_FINAL_PERCENT = 0.35
 
 def calibrated(folders: list[Path]) -> Calibration:
     """The vehicle's numbers from the training runs."""
-    dives = [read_recording(folder)[0] for folder in folders]
+    dives = [read_recording(folder).dive for folder in folders]
     rig = dives[0].rig.model_copy(update={"dvl": unknown_dvl(dives[0].rig)})
     return calibrate_dives(dives, "dvl", names=[f.name for f in folders], reference=ReferenceUse(), rig=rig)
 
@@ -54,13 +54,13 @@ def unknown_dvl(rig: Rig) -> DvlRig:
 
 def reference_point(folders: list[Path]) -> Vector3:
     """Mean place of the reference on the vehicle, as import found it run by run."""
-    x, y, z = np.mean([read_recording(folder)[0].rig.reference.translation_m for folder in folders], axis=0).tolist()
+    x, y, z = np.mean([read_recording(folder).dive.rig.reference.translation_m for folder in folders], axis=0).tolist()
     return x, y, z
 
 
 def run(folder: Path, rig: Rig, point: Vector3) -> Row:
     """One test run, as logged and with the calibrated rig; the reference's point and clock serve both."""
-    dive = read_recording(folder)[0]
+    dive = read_recording(folder).dive
     for sensor in ("reference", "depth") if depth_is_copied(dive) else ("reference",):
         dive = with_mounting(dive, sensor, translation_m=point)
     after = apply_rig(dive, dive.rig.model_copy(update={"dvl": rig.dvl}), keep_clocks=True)

@@ -37,7 +37,7 @@ def main() -> None:
     options.add_argument("data", type=Path)
     options.add_argument("--seed", type=int, default=0)
     args = options.parse_args()
-    recorded, _, _ = read_recording(args.data)
+    recorded = read_recording(args.data).dive
     dive = add_depth(add_dvl(recorded, seed=args.seed), seed=args.seed)
     solution = smooth(dive, SmoothSettings(initial="reference"))
     m = judge(dive, solution).metrics

@@ -24,7 +24,7 @@ START = SmoothSettings(initial="reference")
 
 
 def run(folder: Path) -> Row:
-    dive, _, _ = read_recording(folder)
+    dive = read_recording(folder).dive
     solution = smooth(dive, START)
     m = judge(dive, solution).metrics
     rig = dive.rig

@@ -48,7 +48,7 @@ def processed(dive: Dive, method: str, scene: Scene, options: dict[str, Any], se
 
 def one(folder: Path, method: str, scene: Scene, options: dict[str, Any], seed: int) -> Row:
     """One recording by one method."""
-    recorded = begin_at(read_recording(folder)[0], BEGIN_NS)
+    recorded = begin_at(read_recording(folder).dive, BEGIN_NS)
     heading_fog, position_fog = errors(recorded)
     mems = degrade_imu(recorded, "mems", seed)
     heading_without, position_without = errors(mems)

@@ -38,7 +38,7 @@ def errors(dive: Dive) -> tuple[float, float]:
 
 def real(folder: Path, seeds: int) -> Row:
     """One recording, all seeds."""
-    recorded = read_recording(folder)[0]
+    recorded = read_recording(folder).dive
     heading_fog, position_fog = errors(recorded)
     without, with_sun = [], []
     for seed in range(seeds):

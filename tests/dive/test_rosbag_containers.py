@@ -128,7 +128,7 @@ def test_dive(container: tuple[Any, Path], tmp_path: Path) -> None:
     assert len(dive.fixes) == 3
     np.testing.assert_allclose(np.degrees(dive.fixes.lat), LAT_DEG + 1e-6 * np.arange(3), atol=1e-12)
     np.testing.assert_allclose(np.degrees(dive.fixes.lon), LON_DEG, atol=1e-12)
-    np.testing.assert_allclose(dive.fixes.cov_n[0], np.diag([9.0, 4.0, 16.0]), atol=1e-9)
+    np.testing.assert_allclose(dive.fixes.cov_n[0], np.diag([9.0, 4.0, np.inf]), atol=1e-9)
 
     np.testing.assert_allclose(np.degrees(dive.reference.rph[0]), [0.0, 0.0, 45.0], atol=1e-6)
     np.testing.assert_allclose(dive.reference.v_n[0], [np.sqrt(0.5), np.sqrt(0.5), 0.0], atol=1e-6)

@@ -37,7 +37,7 @@ TURNING = SimulationSettings(duration_s=300.0, leg_length_m=40.0, line_spacing_m
 def real(name: str) -> Dive:
     if not (DATA / name).is_dir():
         pytest.skip(f"no {DATA / name}: set UWGRAPH_DATA to the folder of the recordings")
-    return read_recording(DATA / name)[0]
+    return read_recording(DATA / name).dive
 
 
 def noise_free(**update: object) -> Truth:

@@ -17,7 +17,7 @@ from uwgraph.calibrate.information import Information, rig_information
 from uwgraph.calibrate.parameters import RATE, Limits, Parameter, Priors, What, chosen, leftovers, with_values
 from uwgraph.calibrate.reference_aids import ReferenceUse, with_reference_aids
 from uwgraph.calibrate.result import Calibration, Ending, reported
-from uwgraph.calibrate.start import silent, started
+from uwgraph.calibrate.start import quiet_clocks, started
 from uwgraph.dive import Dive
 from uwgraph.dive.rig import Rig
 from uwgraph.dive.rigfile import apply_rig
@@ -89,7 +89,7 @@ def calibrate_dives(
     begun = [started(dive, base, parameters) for dive in dives]
     unknowns = Unknowns.of(parameters, len(dives), common_clock=common_clock or len(dives) == 1)
     vehicle = [
-        _Dive(label, dive, parameters, silent(parameters, found), reference, _settings(dive, settings, reference))
+        _Dive(label, dive, parameters, quiet_clocks(parameters, found), reference, _settings(dive, settings, reference))
         for label, (dive, found) in zip(labels, begun, strict=True)
     ]
     start = unknowns.values([dive.rig for dive, _ in begun])
@@ -134,8 +134,8 @@ class _Dive:
     name: str
     dive: Dive
     parameters: tuple[Parameter, ...]
-    silent: Sequence[int]
-    """Parameters that it is not asked for."""
+    quiet: Sequence[int]
+    """Clocks that correlation does not find."""
     reference: ReferenceUse | None
     settings: SmoothSettings
     guess: Solution | None = field(default=None)
@@ -151,7 +151,7 @@ class _Dive:
             raise type(error)(error.problem, where=f"{self.name}: {error.where}", remedy=error.remedy) from error
         self.guess = smoothed.solution
         replaced = self.reference.replaces if self.reference else ()
-        return rig_information(smoothed, self.parameters, replaced).without(self.silent)
+        return rig_information(smoothed, self.parameters, replaced, self.quiet)
 
 
 def _settings(dive: Dive, settings: SmoothSettings | None, reference: ReferenceUse | None) -> SmoothSettings:

@@ -15,6 +15,8 @@ from uwgraph.graph.smooth import Smoothed
 from uwgraph.types import FloatArray
 
 RIG = gtsam.symbol("r", 0)
+CLEAR = 0.9
+"""Share of a column that is motion: of a dive with turns 0.99, of a straight run 0."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,26 +28,26 @@ class Information:
     vector: FloatArray
     """Shape (n,): the change that the dive asks for is matrix^-1 vector."""
 
-    def without(self, which: Sequence[int]) -> Information:
-        """The information of a dive that says nothing about some parameters."""
-        matrix, vector = self.matrix.copy(), self.vector.copy()
-        matrix[which, :], matrix[:, which], vector[which] = 0.0, 0.0, 0.0
-        return Information(matrix, vector)
-
 
 def rig_information(
-    smoothed: Smoothed, parameters: Sequence[Parameter], from_reference: Collection[str] = ()
+    smoothed: Smoothed,
+    parameters: Sequence[Parameter],
+    from_reference: Collection[str] = (),
+    quiet: Collection[int] = (),
 ) -> Information:
     """Marginal information of the parameters from a dive's measurements.
 
     ``from_reference`` names the streams that were made from the reference: the parameters of that sensor move them.
-    Elimination is by QR, with the rig last; the step in the states that goes with it is not taken. What is noise in a
-    column is no information: it is taken off in proportion.
+    Of the parameters ``quiet``, which nothing else has found in this motion, it says something only where their columns
+    are motion for the most part (:data:`CLEAR`). Elimination is by QR, with the rig last; the step in the states that
+    goes with it is not taken. What is noise in a column is no information: it is taken off in proportion.
     """
     linear = smoothed.problem.linearize(smoothed.solved.values)
     scale = np.array([p.prior for p in parameters])
     plain = rig_columns(smoothed, linear, parameters, from_reference)
-    motion = np.sqrt(reliability(smoothed, linear, plain, parameters, from_reference))
+    share = reliability(smoothed, linear, plain, parameters, from_reference)
+    share[[i for i in quiet if share[i] < CLEAR]] = 0.0
+    motion = np.sqrt(share)
     columns = {i: block * scale for i, block in plain.items()}
     augmented = gtsam.GaussianFactorGraph()
     for i in range(linear.size()):

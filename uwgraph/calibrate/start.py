@@ -16,7 +16,7 @@ from uwgraph.dive.timing import clock_offset, with_mounting
 
 BY_CORRELATION: Final = ("dvl", "depth")
 """Sensors as fine as the smoothed motion itself. In a motion too quiet for the correlation, the noise of the motion
-would pass for motion in the graph too: a straight hour then tells a clock offset, and a wrong one."""
+may pass for motion in the graph too: a straight hour then tells a clock offset, and a wrong one."""
 
 
 def started(dive: Dive, base: Rig, parameters: Sequence[Parameter]) -> tuple[Dive, Mapping[str, ClockOffset]]:
@@ -42,7 +42,7 @@ def started(dive: Dive, base: Rig, parameters: Sequence[Parameter]) -> tuple[Div
     return dive, found
 
 
-def silent(parameters: Sequence[Parameter], correlations: Mapping[str, ClockOffset]) -> list[int]:
-    """Clock parameters that the graph is not asked for: correlation does not find them (:data:`BY_CORRELATION`)."""
+def quiet_clocks(parameters: Sequence[Parameter], correlations: Mapping[str, ClockOffset]) -> list[int]:
+    """Clock parameters that correlation does not find, of sensors :data:`BY_CORRELATION`."""
     quiet = [sensor for sensor in BY_CORRELATION if sensor in correlations and not correlations[sensor].observable]
     return [i for i, p in enumerate(parameters) if p.of_a_clock and p.sensor in quiet]

@@ -162,9 +162,13 @@ def _print_survey(survey: Survey, source: str, as_json: bool) -> None:
         return
     print(source)
     _print_taken(survey.taken)
+    topics = {topic.name: topic for topic in survey.topics}
     if survey.left:
         print("left:")
-        print("\n".join(f"  - {_named(item)}: {item.why}" for item in survey.left))
+    for item in survey.left:
+        print(f"  - {_named(item)}: {item.why}")
+        if found := topics[item.topic].fields:
+            print(f"      fields: {', '.join(found)}")
 
 
 def _print_taken(taken: Sequence[Taken]) -> None:

@@ -180,7 +180,7 @@ def _heading(dive: Dive) -> Heading | None:
         raise DataError(
             "the heading is magnetic and the declination is not given",
             where="heading",
-            remedy="set rig.heading.declination_deg in dive.yaml",
+            remedy="set rig.heading.declination_deg in dive.yaml, or take heading off its list of streams",
         )
     return replace(stream, heading=stream.heading + np.radians(rig.declination_deg), reference="true")
 

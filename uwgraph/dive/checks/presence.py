@@ -28,6 +28,10 @@ def check_presence(dive: Dive) -> Iterator[Finding]:
         yield _without_dvl(dive)
     if dive.depth is None:
         yield Finding("info", "depth", "presence", "missing: depth is known from fixes at best")
+    if dive.heading is not None and dive.heading.reference == "magnetic" and dive.rig.heading.declination_deg is None:
+        message = "magnetic, and rig.heading.declination_deg is not set: smoothing refuses it"
+        remedy = "set the declination of place and year in dive.yaml, or take heading off the list of streams"
+        yield Finding("error", "heading", "presence", message, remedy)
     if dive.sun is None and dive.heading is None and dive.fixes is None:
         message = "missing, like sun and fixes: heading drifts with the gyro, and its start must be given"
         yield Finding("info", "heading", "presence", message)

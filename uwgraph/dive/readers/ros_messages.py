@@ -40,6 +40,8 @@ _FRD_DRIVERS: Final = (
     "nortek",
 )
 """Packages whose DVL has x forward, y to the right and z down, as the instruments have."""
+MAX_NAME: Final = 64
+"""Letters of a camera's name: it is a folder."""
 _IMAGE_WORDS: Final = re.compile(r"^(?:image(?:_\w+)?|compressed|raw)$")
 
 
@@ -90,12 +92,12 @@ def _nav_sat_fix(topic: Topic) -> Proposal:
     fields = {
         "lat": "latitude [deg]",
         "lon": "longitude [deg]",
-        "height": "altitude",
         "cov": _matrix("position_covariance", _DIAGONAL_3),
         "valid": "status.status",
         "valid_above": -1.0,
     }
-    return Proposal("fixes", _mapping(FixesMapping, topic, **fields), rank=1)
+    note = "altitude left out: it counts from the ellipsoid, which may lie 50 m off the sea"
+    return Proposal("fixes", _mapping(FixesMapping, topic, **fields), rank=1, note=note)
 
 
 def _geo_point(topic: Topic) -> Proposal:
@@ -150,7 +152,7 @@ def _dvl(topic: Topic) -> Proposal:
 
 def _images(topic: Topic, *, rank: int) -> Proposal:
     words = [word for word in topic.name.split("/") if word and not _IMAGE_WORDS.match(word)]
-    camera = re.sub(r"[^\w.-]+", "_", "_".join(words)).strip("_.-") or "camera"
+    camera = re.sub(r"[^\w.-]+", "_", "_".join(words)).strip("_.-")[:MAX_NAME] or "camera"
     return Proposal(f"images/{camera}", _mapping(ImagesMapping, topic), rank=rank)
 
 
