@@ -11,7 +11,7 @@ import pytest
 from calibration_dives import LEVER, STRAIGHT, TRUE_DVL, TURNING, bare, cut, dive_of
 
 from uwgraph.calibrate import Calibration, ReferenceUse, calibrate_dives
-from uwgraph.calibrate.report import as_plain, write_calibration
+from uwgraph.calibrate.report import as_plain, doubts, write_calibration
 from uwgraph.dive import Dive
 from uwgraph.dive.rig import DepthRig, HeadingRig
 from uwgraph.dive.rigfile import read_rig
@@ -69,6 +69,24 @@ def test_a_straight_run_is_refused_what_it_cannot_show() -> None:
     assert {name for u in found.unseen for name in u.names} >= refused
     assert any("turns" in u.text for u in found.unseen)
     assert found.rig.dvl.time_offset_s == 0.0
+
+
+@pytest.mark.parametrize("lever", [TRUE_DVL.translation_m, (0.0, 0.0, 0.0)], ids=["known", "forgotten"])
+def test_a_clock_alone_with_a_rig_that_is_given(dive: Dive, lever: tuple[float, float, float]) -> None:
+    """The given rig is put onto the dive; a lever arm that it does not have is estimated along, not held at zero."""
+    dvl = TRUE_DVL.model_copy(update={"translation_m": lever, "time_offset_s": 0.0})
+    found = calibrate_dives([dive], ["dvl.time_offset_s"], rig=dive.rig.model_copy(update={"dvl": dvl}))
+    clock = found.estimate("dvl.time_offset_s")
+    assert abs(clock.after - TRUE_DVL.time_offset_s) < 4.0 * clock.sigma < 0.04
+    assert found.rig.dvl.scale == TRUE_DVL.scale
+
+
+def test_a_lever_arm_that_is_wrong_is_doubted(dive: Dive) -> None:
+    wrong = TRUE_DVL.model_copy(update={"translation_m": (6.0, 0.0, 0.0), "time_offset_s": 0.0})
+    found = calibrate_dives([dive], ["dvl.time_offset_s"], rig=dive.rig.model_copy(update={"dvl": wrong}))
+    said = " ".join(doubts(found))
+    assert "dvl.time_offset_s" in said
+    assert "lever arm" in said
 
 
 def test_dives_have_their_own_clocks_and_one_rig(dive: Dive) -> None:

@@ -112,3 +112,11 @@ def test_a_recording_is_not_changed_in_place(tmp_path: Path) -> None:
     done = run("apply", rig, recording)
     assert done.returncode == 2
     assert "in place" in done.stderr
+
+
+def test_what_does_not_stand_still_is_an_error(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("uwgraph.calibrate.engine.MAX_ITERATIONS", 1)
+    done = run("dvl", folder, "--free", "dvl.time_offset_s", "-o", tmp_path / "rig.yaml")
+    assert done.returncode == 4
+    assert "does not stand still" in done.stderr
+    assert not (tmp_path / "rig.yaml").exists()
