@@ -121,7 +121,7 @@ def _dvl(
     What the DVL should have measured changes by dq, in the axes of the interval's start; moving the end pose by as
     much does the same.
     """
-    keys, to_end, R_ij = _intervals(smoothed, linear, place)
+    keys, to_end, R_ij = intervals(smoothed, linear, place)
     i, j = keys.T
     solution, track, rig = smoothed.solution, smoothed.track, smoothed.prepared.dive.rig.dvl
     R_in = np.swapaxes(solution.R_nb[i], 1, 2)
@@ -150,7 +150,7 @@ def _dvl(
     return columns
 
 
-def _intervals(
+def intervals(
     smoothed: Smoothed, linear: gtsam.GaussianFactorGraph, place: range
 ) -> tuple[IndexArray, FloatArray, FloatArray]:
     """Of the displacement factors: keyframes, shape (N, 2), whitened rows of the end's position, and R_ij."""

@@ -45,6 +45,9 @@ def rig_information(
     linear = smoothed.problem.linearize(smoothed.solved.values)
     scale = np.array([p.prior for p in parameters])
     plain = rig_columns(smoothed, linear, parameters, from_reference)
+    n = len(parameters)
+    if not plain:
+        return Information(np.zeros((n, n)), np.zeros(n))
     share = reliability(smoothed, linear, plain, parameters, from_reference)
     share[[i for i in quiet if share[i] < CLEAR]] = 0.0
     motion = np.sqrt(share)
@@ -53,9 +56,6 @@ def rig_information(
     for i in range(linear.size()):
         factor = linear.at(i)
         augmented.push_back(_with_rig(factor, columns[i]) if i in columns else factor)
-    n = len(parameters)
-    if not columns:
-        return Information(np.zeros((n, n)), np.zeros(n))
     ordering = gtsam.Ordering.ColamdConstrainedLastGaussianFactorGraph(augmented, [RIG])
     states = gtsam.Ordering()
     for k in range(ordering.size() - 1):

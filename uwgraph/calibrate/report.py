@@ -14,6 +14,7 @@ from uwgraph.atomic import atomic_file
 from uwgraph.calibrate.combine import TOLD
 from uwgraph.calibrate.result import Calibration, Estimate
 from uwgraph.dive.rigfile import write_rig
+from uwgraph.plain import json_values
 
 CRITERION = (
     f"told: 1-sigma at most {TOLD:g} of the prior's, and within the limit of use; all else is left at the rig's value"
@@ -40,7 +41,7 @@ def as_plain(calibration: Calibration) -> dict[str, Any]:
         "covariance": {"names": calibration.names, "matrix": calibration.covariance},
         "rig": calibration.rig.model_dump(mode="json"),
     }
-    plain: dict[str, Any] = _plain(values)
+    plain: dict[str, Any] = json_values(values)
     return plain
 
 
@@ -95,13 +96,3 @@ def figure(value: float, sigma: float) -> str:
     """A value with two digits of its sigma."""
     digits = 2 - int(np.floor(np.log10(sigma))) - 1 if 0.0 < sigma < np.inf else 4
     return f"{value:.{min(max(digits, 0), 9)}f}"
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value

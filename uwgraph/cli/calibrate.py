@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from uwgraph.cli import calibrate_import, calibrate_noise
-from uwgraph.cli.calibrate_noise import refuse_existing
-from uwgraph.cli.console import note, print_json, print_table, progress_bar
+from uwgraph.cli.console import note, print_json, print_table, progress_bar, refuse_existing
 from uwgraph.errors import ConfigError, DataError, SolveError
 
 if TYPE_CHECKING:

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from uwgraph.cli.calibrate_noise import refuse_existing
-from uwgraph.cli.console import note, print_json, print_table
+from uwgraph.cli.console import note, print_json, print_table, refuse_existing
 from uwgraph.errors import ConfigError
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from uwgraph.cli.console import note, print_json, print_table
+from uwgraph.cli.console import note, print_json, print_table, refuse_existing
 from uwgraph.errors import DataError
 
 if TYPE_CHECKING:
@@ -78,12 +78,6 @@ def noise(
             after, out, (f"{', '.join(shown)}: Allan deviation of {log.name}, still for {found.duration_s:.0f} s",)
         )
         note(f"rig in {out}")
-
-
-def refuse_existing(out: Path | None, force: bool) -> None:
-    """Do not replace a file without being told to, and say so before long work is begun."""
-    if out is not None and out.exists() and not force:
-        raise DataError("there is such a file", where=str(out), remedy="choose another name, or --force to replace it")
 
 
 def _print(found: ImuNoise, rig: ImuRig, title: str) -> None:

@@ -11,6 +11,7 @@ import sys
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, NoReturn
 
 from uwgraph.errors import ConfigError, DataError, InitialisationError, SolveError, UwgraphError
@@ -65,6 +66,12 @@ def note(message: str) -> None:
     print(message, file=sys.stderr)
 
 
+def refuse_existing(out: Path | None, force: bool) -> None:
+    """Do not replace a file without being told to, and say so before long work is begun."""
+    if out is not None and out.exists() and not force:
+        raise DataError("there is such a file", where=str(out), remedy="choose another name, or --force to replace it")
+
+
 @contextmanager
 def progress_bar() -> Iterator[Progress]:
     """A bar on standard error while the block runs; silent where nobody watches."""
@@ -80,8 +87,10 @@ def progress_bar() -> Iterator[Progress]:
 
 
 def print_json(value: Any) -> None:
-    """The result for programs: one JSON document, and nothing else, on standard output."""
-    print(json.dumps(value, indent=2, allow_nan=False))
+    """The result for programs: one JSON document, and nothing else, on standard output; null for what is not finite."""
+    from uwgraph.plain import json_values
+
+    print(json.dumps(json_values(value), indent=2, allow_nan=False))
 
 
 def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

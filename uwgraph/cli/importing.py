@@ -65,7 +65,6 @@ def import_(
     from dataclasses import asdict
 
     from uwgraph.dive.importing import import_dive, survey_recording
-    from uwgraph.evaluate.runlog import plain
 
     options = _options(mapping, mapping_out, origin, rig, first, last)
     if only_list:
@@ -86,7 +85,7 @@ def import_(
             progress=progress,
         )
     if as_json:
-        print_json(plain(asdict(report)))
+        print_json(asdict(report))
     else:
         _print(report)
 

@@ -256,6 +256,8 @@ def figures(found: Estimate, when: When, tilt_sigma: float) -> dict[str, Any]:
     """The result for programs; a heading only where the sun may be used and the almanac can be asked."""
     import numpy as np
 
+    from uwgraph.plain import json_values
+
     sun = found.observation
     heading = sun.heading(when.sun_azimuth) if sun.ok and when.sun_azimuth is not None else None
     result: dict[str, Any] = {
@@ -271,7 +273,7 @@ def figures(found: Estimate, when: When, tilt_sigma: float) -> dict[str, Any]:
     }
     if sun.other_b is not None:
         result["other_b"] = sun.other_b.tolist()
-    return dict(_finite(result))
+    return dict(json_values(result))
 
 
 @dataclass(frozen=True)
@@ -367,20 +369,11 @@ def _numbers(text: str, where: str) -> tuple[float, ...]:
 def _tell(title: str, result: dict[str, Any], as_json: bool) -> None:
     """A result for programs or for people, and whether it may be used."""
     if as_json:
-        print_json(_finite(result))
+        print_json(result)
     else:
         print_table(title, (), [(name, _text(value)) for name, value in result.items()])
     if result["flags"]:
         note(f"not to be used: {', '.join(result['flags'])}")
-
-
-def _finite(value: Any) -> Any:
-    """The same with None for what is not finite, which JSON cannot say."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _text(value: Any) -> str:

@@ -15,7 +15,7 @@ from uwgraph.dive.folder import HEADER, TableFormat, copy_images, fill_folder
 from uwgraph.dive.logs.guess import Left, Taken
 from uwgraph.dive.logs.log import LogReader
 from uwgraph.dive.logs.mapping_file import NAME as MAPPING_FILE
-from uwgraph.dive.logs.reading import LogOptions, Survey, read_log, survey_log
+from uwgraph.dive.logs.reading import LogOptions, Survey, opened, read_log, survey_log
 from uwgraph.dive.model import Dive
 from uwgraph.dive.readers import AnyReader, guess_reader, native, reader_named
 from uwgraph.dive.timing import align_clocks
@@ -188,7 +188,7 @@ def survey_recording(src: Path, format: str | None = None, options: LogOptions |
     reader, _ = _reader(src, format)
     if not isinstance(reader, LogReader):
         raise ConfigError(f"format {reader.NAME} has no topics to list", where=str(src), remedy="import it as it is")
-    with reader.open_log(src) as log:
+    with opened(src, reader) as log:
         return survey_log(log, reader, options or LogOptions())
 
 

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Final
 
 from uwgraph.dive.folder import read_dive
-from uwgraph.dive.logs.assemble import Wishes
+from uwgraph.dive.logs.assemble import Wishes, assemble
 from uwgraph.dive.logs.log import LogReader
 from uwgraph.dive.logs.mapping import LogMapping, Streams
 from uwgraph.dive.logs.notes import Notes
-from uwgraph.dive.logs.reading import LogOptions, read_log, survey_log
+from uwgraph.dive.logs.reading import LogOptions, opened, survey_log
 from uwgraph.dive.logs.samples import Samples
 from uwgraph.dive.logs.window import Window
 from uwgraph.dive.model import Dive
@@ -46,15 +46,14 @@ def read_imu(path: Path, mapping: LogMapping | None = None, window: Window = EVE
 
 
 def _only_imu(path: Path, reader: LogReader, mapping: LogMapping | None, window: Window) -> Dive:
-    with reader.open_log(path) as log:
+    with opened(path, reader) as log:
         found = survey_log(log, reader, LogOptions(mapping=mapping)).mapping
-    if found.streams.imu is None:
-        raise _no_imu(path)
-    # samples as they are: means of neighbours would have less noise at the shortest averaging times
-    imu = found.streams.imu.model_copy(update={"sampling": "mean"})
-    only = found.model_copy(update={"streams": Streams(imu=imu), "images": {}})
-    options = LogOptions(mapping=only, wishes=Wishes(origin=NOWHERE, window=window))
-    dive, _ = read_log(path, reader, options, None, lambda _: None)
+        if found.streams.imu is None:
+            raise _no_imu(path)
+        # samples as they are: means of neighbours would have less noise at the shortest averaging times
+        imu = found.streams.imu.model_copy(update={"sampling": "mean"})
+        only = found.model_copy(update={"streams": Streams(imu=imu), "images": {}})
+        dive, _ = assemble(log, only, Wishes(origin=NOWHERE, window=window), None, lambda share: None)
     return dive
 
 

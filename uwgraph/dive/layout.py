@@ -22,6 +22,11 @@ _UPPER: Final = ((0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2))
 _FULL: Final = np.array([0, 1, 2, 1, 3, 4, 2, 4, 5])
 
 
+def full_from_upper(upper: NDArray[Any]) -> NDArray[Any]:
+    """Symmetric matrices, shape (N, 3, 3), of xx, xy, xz, yy, yz, zz, shape (N, 6)."""
+    return upper[:, _FULL].reshape(-1, 3, 3)
+
+
 @dataclass(frozen=True)
 class Field:
     """The columns of one field: 1 for a scalar, 3 for a vector, 6 for a symmetric matrix."""
@@ -38,7 +43,7 @@ class Field:
         parts = [table[c] if c in table else np.full(count, self.default) for c in self.columns]
         array = parts[0] if len(parts) == 1 else np.stack(parts, axis=-1)
         if len(parts) == 6:
-            array = array[:, _FULL].reshape(-1, 3, 3)
+            array = full_from_upper(array)
         return np.radians(array) if self.degrees else array
 
     def write(self, array: NDArray[Any]) -> Table:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping
 from datetime import UTC, datetime
 from importlib.metadata import version
-from typing import Any
 
-import numpy as np
 import yaml
 
 from uwgraph.dive.model import Dive
+from uwgraph.plain import plain
 from uwgraph.time import isoformat
 from uwgraph.types import Solution
 
@@ -31,17 +29,6 @@ def run_log(dive: Dive, solution: Solution) -> str:
         "calibration": plain(solution.calibration),
     }
     return yaml.safe_dump(account, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
-
-
-def plain(value: Any) -> Any:
-    """NumPy values, tuples and anything else as the plain values that YAML and JSON know."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple | set | frozenset):
-        return [plain(item) for item in value]
-    return value if isinstance(value, str | int | float | bool | None) else str(value)
 
 
 def _machine() -> dict[str, str]:

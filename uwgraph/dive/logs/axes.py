@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from uwgraph.dive.layout import full_from_upper
 from uwgraph.types import FloatArray
 
 _FORWARD, _RIGHT, _DOWN = np.eye(3)
@@ -31,9 +32,8 @@ def turn(axes: str) -> FloatArray:
 
 def turned_covariance(upper: FloatArray, axes: str) -> FloatArray:
     """Covariances in FRD or NED, shape (N, 3, 3), of xx, xy, xz, yy, yz, zz in ``axes``, shape (N, 6)."""
-    full = upper[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
     R = turn(axes)
-    cov: FloatArray = R @ full @ R.T
+    cov: FloatArray = R @ full_from_upper(upper) @ R.T
     return cov
 
 

@@ -9,14 +9,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Final, Protocol, runtime_checkable
 
 from uwgraph.dive.folder import OriginSettings
 from uwgraph.dive.logs.mapping import StreamMapping
 from uwgraph.dive.rig import Rig
 from uwgraph.types import FloatArray, TimeArray
 
+NOWHEN: Final = datetime(2000, 1, 1, tzinfo=UTC)
+"""Where stamps that count from the start of their log are put, when nothing tells the date."""
 Progress = Callable[[float], None]
 """Called with the share of the log that has been read, 0 to 1."""
 

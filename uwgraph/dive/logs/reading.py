@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -50,6 +52,20 @@ class Survey:
         return mapping_text(self.mapping, self.topics, self.left)
 
 
+@contextmanager
+def opened(path: Path, reader: LogReader) -> Iterator[Log]:
+    """The log, open; what the system refuses while it is read is told as the file's fault, but for a full disk."""
+    try:
+        with reader.open_log(path) as log:
+            yield log
+    except OSError as error:
+        if error.errno in FULL:
+            raise
+        raise DataError(
+            f"cannot be read ({error.strerror or error})", where=str(path), remedy="check the name and the permissions"
+        ) from error
+
+
 def survey_log(log: Log, reader: LogReader, options: LogOptions) -> Survey:
     """Look at an open log, and write the mapping file where the options ask for it.
 
@@ -80,19 +96,12 @@ def read_log(
     DataError
         When the log cannot be read, is damaged, or has nothing of use.
     """
-    try:
-        with reader.open_log(path) as log:
-            survey = survey_log(log, reader, options)
-            if not survey.mapping.by_stream():
-                raise _nothing(path, survey, options)
-            dive, notes = assemble(log, survey.mapping, options.wishes, images_into, progress)
-            caveats = [*log.caveats, *survey.notes, *notes.caveats]
-    except OSError as error:
-        if error.errno in FULL:
-            raise
-        raise DataError(
-            f"cannot be read ({error.strerror or error})", where=str(path), remedy="check the name and the permissions"
-        ) from error
+    with opened(path, reader) as log:
+        survey = survey_log(log, reader, options)
+        if not survey.mapping.by_stream():
+            raise _nothing(path, survey, options)
+        dive, notes = assemble(log, survey.mapping, options.wishes, images_into, progress)
+        caveats = [*log.caveats, *survey.notes, *notes.caveats]
     provenance = {
         "format": reader.NAME,
         "source": [path.name],

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final
 
-from uwgraph.dive.logs.log import Proposal, Topic
+from uwgraph.dive.logs.log import NOWHEN, Proposal, Topic
 from uwgraph.dive.logs.mapping import (
     DepthMapping,
     DvlMapping,
@@ -20,9 +20,6 @@ from uwgraph.dive.logs.mapping import (
 )
 from uwgraph.dive.logs.quantity import UNITS
 from uwgraph.dive.validate import EARLIEST_NS, LATEST_NS
-
-NOWHEN: Final = datetime(2000, 1, 1, tzinfo=UTC)
-"""Where stamps that count from the start of their log are put."""
 
 _SPELLINGS: Final[Mapping[str, str]] = {
     **dict.fromkeys(("m/s2", "m/s**2", "m/s/s", "m s^-2", "m s-2", "ms^-2", "mps2", "m_s2"), "m/s^2"),

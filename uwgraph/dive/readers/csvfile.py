@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from uwgraph.dive.logs.fields import resolve
 from uwgraph.dive.logs.log import Known, Progress, Proposal, Sink, Topic
 from uwgraph.dive.logs.quantity import quantity
 from uwgraph.dive.logs.sinks import whole_ns
@@ -95,6 +96,6 @@ def _stamps(batch: Batch, table: Table) -> TimeArray:
     if not table.time:
         return np.zeros(batch.rows, dtype=np.int64)
     found = quantity(table.time, "time")
-    name = found.path if found.path in table.fields else f"{found.path} [{found.unit}]"
+    name = resolve(found, table, f"{table.name}: time")
     epoch_ns = from_datetime(table.epoch) if table.epoch else 0
     return whole_ns(batch[name], round(found.scale * 1e9)) + epoch_ns

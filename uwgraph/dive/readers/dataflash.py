@@ -18,20 +18,20 @@ from typing import Final
 
 import numpy as np
 
-from uwgraph.dive.logs.log import Known, Progress, Proposal, Sink, Topic
+from uwgraph.dive.logs.log import NOWHEN, Known, Progress, Proposal, Sink, Topic
 from uwgraph.dive.readers.dataflash_blocks import HEADER, Block, Blocks, Format, Rows
 from uwgraph.dive.readers.dataflash_facts import Facts
 from uwgraph.dive.readers.mavlink_messages import DATAFLASH, PLACED, autopilot_rig, north_of, proposals_from
 from uwgraph.errors import DataError
-from uwgraph.time import isoformat
+from uwgraph.time import from_datetime, isoformat
 from uwgraph.types import FloatArray, TimeArray
 
 NAME: Final = "dataflash"
 EXPECTS: Final = "a .BIN file, the onboard log of an ArduSub vehicle"
 CLOCKS_DIFFER: Final = False
 
-NOMINAL_START: Final = 946_684_800_000_000_000
-"""2000-01-01T00:00:00Z, the autopilot's start where the log does not know the date."""
+NOMINAL_START: Final = from_datetime(NOWHEN)
+"""The autopilot's start where the log does not know the date."""
 MAX_KINDS: Final = 1000
 """Kinds of messages times instances; more are no log."""
 _LATEST_NS: Final = 10**16
