@@ -17,6 +17,7 @@ from _bench import Figure, Row
 from polarization import POLARIZERS, WELL, fisheye
 from scipy.interpolate import BSpline
 
+from uwgraph.camera.sensor import Sensor
 from uwgraph.frames import matrix_from_rph
 from uwgraph.simulate.exposure import auto_scale, behind_polarizer, expose
 from uwgraph.simulate.render import Shot, render
@@ -27,7 +28,6 @@ from uwgraph.sun.evector import Unknowns, light_of, skylight
 from uwgraph.sun.gradient_field import MAX_ZENITH
 from uwgraph.sun.observation import up_from_tilt
 from uwgraph.sun.polarization import Settings, estimate
-from uwgraph.sun.sensor import Sensor
 from uwgraph.sun.stokes import StokesImage, from_channels
 from uwgraph.sun.unknowns import derivatives
 from uwgraph.sun.view import View

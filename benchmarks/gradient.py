@@ -22,13 +22,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from uwgraph.camera.model import Camera
+from uwgraph.camera.sensor import Sensor
 from uwgraph.simulate.exposure import auto_scale, expose
 from uwgraph.simulate.render import Shot, render
 from uwgraph.simulate.scene import OccluderSettings, Scene
-from uwgraph.sun.camera import Camera
 from uwgraph.sun.gradient import GradientEstimate, estimate
 from uwgraph.sun.observation import azimuth_in_level
-from uwgraph.sun.sensor import Sensor
 from uwgraph.sun.view import View
 from uwgraph.types import FloatArray
 

@@ -17,15 +17,15 @@ import _bench
 import numpy as np
 from _bench import Figure, Row
 
+from uwgraph.camera.model import Camera
+from uwgraph.camera.sensor import Sensor
 from uwgraph.frames import matrix_from_rph, wrap_pi
 from uwgraph.simulate.exposure import auto_scale, behind_polarizer, expose
 from uwgraph.simulate.render import Shot, render
 from uwgraph.simulate.scene import OccluderSettings, Scene
-from uwgraph.sun.camera import Camera
 from uwgraph.sun.eigen import Evectors, from_azimuth, solve
 from uwgraph.sun.observation import SunObservation, azimuth_in_level, up_from_tilt
 from uwgraph.sun.polarization import estimate
-from uwgraph.sun.sensor import Sensor
 from uwgraph.sun.stokes import from_channels
 from uwgraph.sun.view import View
 from uwgraph.types import FloatArray

@@ -27,10 +27,10 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import least_squares
 
-from uwgraph.sun.camera import Camera
+from uwgraph.camera.model import Camera
+from uwgraph.camera.sensor import Sensor
 from uwgraph.sun.gradient import estimate
 from uwgraph.sun.observation import azimuth_in_level
-from uwgraph.sun.sensor import Sensor
 from uwgraph.sun.view import View
 from uwgraph.types import FloatArray
 

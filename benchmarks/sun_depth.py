@@ -29,12 +29,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Picture
 from numpy.typing import NDArray
 
+from uwgraph.camera.file import CameraFile
+from uwgraph.camera.model import Camera
 from uwgraph.errors import DataError
 from uwgraph.frames import matrix_from_rph, wrap_pi
 from uwgraph.simulate import ImageModel, Scene, Shot, render
 from uwgraph.simulate.exposure import auto_scale, expose, mosaic
-from uwgraph.sun.camera import Camera
-from uwgraph.sun.camera_file import CameraFile
 from uwgraph.sun.estimate import estimate_sun
 from uwgraph.sun.gradient import GradientEstimate
 from uwgraph.sun.observation import SunObservation, azimuth_in_level, up_from_tilt

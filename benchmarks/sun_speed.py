@@ -18,16 +18,16 @@ import _bench
 import numpy as np
 from _bench import Figure, Row
 
+from uwgraph.camera.model import Camera
+from uwgraph.camera.sensor import Sensor
 from uwgraph.frames import matrix_from_rph
 from uwgraph.simulate.exposure import auto_scale, expose, mosaic
 from uwgraph.simulate.render import Shot, render
 from uwgraph.simulate.scene import Scene
 from uwgraph.sun import gradient as light_gradient
-from uwgraph.sun.camera import Camera
 from uwgraph.sun.mosaic import from_mosaic
 from uwgraph.sun.observation import up_from_tilt
 from uwgraph.sun.polarization import estimate
-from uwgraph.sun.sensor import Sensor
 from uwgraph.sun.view import View
 
 REPEATS = 15

@@ -2,18 +2,19 @@
 
     python examples/03_sun_from_an_image.py
 
-The picture is simulated here, so that the answer is known. With your own, read it with `uwgraph.sun.images.read_image`
-and its calibration with `uwgraph.sun.camera_file.read_camera`; the command is `uwgraph sun estimate`.
+The picture is simulated here, so that the answer is known. With your own, read it with
+`uwgraph.camera.images.read_image` and its calibration with `uwgraph.camera.file.read_camera`; the command is
+`uwgraph sun estimate`.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from uwgraph.camera.file import CameraFile
 from uwgraph.frames import matrix_from_rph
 from uwgraph.simulate import SKY_CAMERA, ImageModel, Scene, Shot, render
 from uwgraph.simulate.exposure import auto_scale, expose, mosaic
-from uwgraph.sun.camera_file import CameraFile
 from uwgraph.sun.ephemeris import sun_azimuth_elevation
 from uwgraph.sun.estimate import estimate_sun, view_of
 from uwgraph.sun.observation import up_from_tilt

@@ -160,6 +160,46 @@ class Images(Stream):
 
 
 @dataclass(frozen=True, eq=False)
+class Altitude(Stream):
+    """Distance from an echo sounder to the bottom, along the sensor's z axis."""
+
+    altitude: FloatArray
+    """Metres, shape (N,)."""
+    sigma: FloatArray
+    """1-sigma in metres, shape (N,); NaN where the log has none (the rig's sigma is then used)."""
+
+
+@dataclass(frozen=True, eq=False)
+class RelativePoses(Stream):
+    """Motions of the body between two moments each, as a camera saw them: visual odometry, or places seen again.
+
+    T is the pose of the body at ``t_ns`` seen from the body at ``from_ns``.
+    """
+
+    from_ns: TimeArray
+    """The earlier moment, shape (N,)."""
+    p: FloatArray
+    """Translation of T in the body axes of ``from_ns``, shape (N, 3), m."""
+    rotvec: FloatArray
+    """Rotation vector of T (body at ``t_ns`` to body at ``from_ns``), shape (N, 3), rad."""
+    cov: FloatArray
+    """Covariance in the tangent at T, rotation then translation in the axes of the end body, shape (N, 6, 6).
+
+    What was not measured (a monocular scale) has a variance of :data:`NOT_MEASURED` along its direction.
+    """
+    accepted: BoolArray
+    """Whether the geometry was verified, shape (N,); the others are kept for the record."""
+    reason: StrArray
+    """How it was found, or why it was rejected, shape (N,)."""
+    inliers: TimeArray
+    """Matched points that agree, shape (N,)."""
+
+
+NOT_MEASURED = 1e6
+"""Variance, m^2 or rad^2, that stands for 'not measured'."""
+
+
+@dataclass(frozen=True, eq=False)
 class Reference(Stream):
     """Somebody else's solution or the simulator's truth; NaN where a quantity is not known."""
 

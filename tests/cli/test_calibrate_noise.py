@@ -8,6 +8,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
+from uwgraph.camera.file import read_camera
 from uwgraph.cli.calibrate import app
 from uwgraph.dive.folder import write_dive
 from uwgraph.dive.model import Dive
@@ -16,7 +17,6 @@ from uwgraph.dive.rigfile import read_rig, write_rig
 from uwgraph.errors import ConfigError, DataError
 from uwgraph.simulate.imu import ImuGrade, imu_errors
 from uwgraph.simulate.noise import Noise
-from uwgraph.sun.camera_file import read_camera
 from uwgraph.types import Imu, Origin
 
 TRUE = ImuRig(gyro_noise_density=2e-4, accel_noise_density=3e-3, gyro_bias_walk=1e-9, accel_bias_walk=1e-9)

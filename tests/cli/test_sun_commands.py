@@ -14,12 +14,12 @@ import pytest
 from commandline import Done
 from typer.testing import CliRunner
 
+from uwgraph.camera.file import CameraFile, write_camera
 from uwgraph.cli import sun
 from uwgraph.dive.folder import read_dive
 from uwgraph.frames import matrix_from_rph
 from uwgraph.simulate import SKY_CAMERA, ImageModel, Scene, Shot, render
 from uwgraph.simulate.exposure import auto_scale, behind_polarizer, expose, mosaic
-from uwgraph.sun.camera_file import CameraFile, write_camera
 from uwgraph.sun.ephemeris import sun_azimuth_elevation
 
 LAT_DEG, LON_DEG, UTC, T_NS = 32.8, 34.9, "2022-06-08T06:30:00Z", 1_654_669_800_000_000_000

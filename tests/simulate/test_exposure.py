@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from uwgraph.camera.sensor import Sensor
 from uwgraph.simulate.exposure import SONY, auto_scale, behind_polarizer, expose, mosaic
-from uwgraph.sun.sensor import Sensor
 
 SENSOR = Sensor(white=4000.0, black=64.0, gain=2.5, read_noise=3.0)
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from uwgraph.camera.model import UP_FORWARD, Camera
 from uwgraph.frames import matrix_from_rph
 from uwgraph.simulate.render import Shot, render
 from uwgraph.simulate.scene import OccluderSettings, Scene
 from uwgraph.simulate.sky import SUN_RADIUS, Sky, horizontal_axis
 from uwgraph.simulate.stokes import about, transmitted
-from uwgraph.sun.camera import UP_FORWARD, Camera
 
 UP = np.array([0.0, 0.0, -1.0])
 TILTED = matrix_from_rph(np.radians([6.0, -4.0, 130.0]))

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from uwgraph.camera.file import read_camera
+from uwgraph.camera.model import Camera
 from uwgraph.dive.folder import read_dive, write_dive
 from uwgraph.errors import ConfigError, DataError
 from uwgraph.frames import matrix_from_rph, wrap_pi
 from uwgraph.simulate import ImageModel, Scene, SimulationSettings, add_sun_images, simulate
 from uwgraph.sun import sun_azimuth_elevation
-from uwgraph.sun.camera import Camera
-from uwgraph.sun.camera_file import read_camera
 from uwgraph.time import from_seconds
 
 CAMERA = Camera("fisheye", f=(42.0, 42.0), c=(47.5, 47.5), size=(96, 96))

@@ -8,12 +8,13 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from uwgraph.dive.rig import ImuRig
+from uwgraph.errors import ConfigError
 from uwgraph.frames import R_n_local, earth_rate_n, geodetic_from_ned, gravity_n, rph_from_matrix
 from uwgraph.simulate import SimulationSettings, trajectory_of
 from uwgraph.simulate.imu import ideal_imu
 from uwgraph.simulate.plan import smoothstep
 
-PATTERNS = ["lawnmower", "helix", "transit"]
+PATTERNS = ["lawnmower", "patrol", "helix", "transit"]
 
 
 def motion(pattern: str = "lawnmower", duration_s: float = 400.0, **settings):
@@ -107,6 +108,19 @@ def test_current_is_held_by_crabbing():
     assert np.degrees(np.arctan2(v[1], v[0])) == pytest.approx(30.0, abs=0.01)
     v_b = m.attitude(np.array([280.0]))[0].T @ v
     assert abs(v_b[1]) > 0.3, "the DVL sees the sideslip"
+
+
+def test_patrol_comes_back_to_its_track_in_a_current():
+    p = motion("patrol", 1800.0, leg_length_m=60.0, line_spacing_m=30.0).position(np.arange(100.0, 1800.0))[:, :2]
+    first, later = p[:250], p[800:]
+    apart = np.linalg.norm(first[:, None] - later[None], axis=2).min(axis=1)
+    assert apart.max() < 2.0  # half a second of way each, and the wobble
+    assert np.ptp(p, axis=0).min() > 30.0
+
+
+def test_patrol_that_the_current_closes_is_refused():
+    with pytest.raises(ConfigError, match="no rectangle"):
+        motion("patrol", 600.0, leg_length_m=2.0, line_spacing_m=2.0, current=(0.9, 0.7))
 
 
 def test_lawnmower_covers_an_area_and_helix_turns():

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from uwgraph.sun.camera import Camera
+from uwgraph.camera.model import Camera
+from uwgraph.camera.sensor import Sensor
 from uwgraph.sun.observation import azimuth_in_level, level_axes
-from uwgraph.sun.sensor import Sensor
 from uwgraph.sun.surface import radiance_factor
 from uwgraph.sun.view import View
 from uwgraph.types import FloatArray

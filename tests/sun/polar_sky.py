@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from uwgraph.camera.model import Camera
+from uwgraph.camera.sensor import Sensor
 from uwgraph.frames import matrix_from_rph
 from uwgraph.simulate.exposure import auto_scale, behind_polarizer, expose
 from uwgraph.simulate.render import Shot, render
 from uwgraph.simulate.scene import Scene
-from uwgraph.sun.camera import Camera
 from uwgraph.sun.eigen import Evectors
 from uwgraph.sun.observation import up_from_tilt
-from uwgraph.sun.sensor import Sensor
 from uwgraph.sun.view import View
 from uwgraph.types import FloatArray
 

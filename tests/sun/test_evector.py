@@ -6,13 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from polar_sky import CLEAR, POLARIZERS, fisheye, sun_at
 
+from uwgraph.camera.sensor import Sensor
 from uwgraph.frames import matrix_from_rph
 from uwgraph.simulate.exposure import behind_polarizer
 from uwgraph.simulate.render import Shot, render
 from uwgraph.sun.eigen import residuals
 from uwgraph.sun.evector import Unknowns, light_of, skylight
 from uwgraph.sun.observation import up_from_tilt
-from uwgraph.sun.sensor import Sensor
 from uwgraph.sun.stokes import StokesImage, from_channels
 from uwgraph.sun.view import View
 

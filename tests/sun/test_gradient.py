@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from uwgraph.sun.camera import UP_FORWARD
+from uwgraph.camera.model import UP_FORWARD
 from uwgraph.sun.gradient import estimate
 from uwgraph.sun.gradient_field import gradient_field, sky_light
 from uwgraph.sun.gradient_ring import ring_sun

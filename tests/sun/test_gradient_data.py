@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from uwgraph.sun.sensor import Sensor
+from uwgraph.camera.sensor import Sensor
 
 ROOT = Path(__file__).parents[2]
 DATA = Path(os.environ.get("UWGRAPH_DATA", ROOT.parent / "shared" / "data")) / "sky_images"

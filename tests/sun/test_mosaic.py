@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from polar_sky import CLEAR, SENSOR, fisheye, sun_at
 
+from uwgraph.camera.sensor import Sensor
 from uwgraph.errors import ConfigError, DataError
 from uwgraph.frames import matrix_from_rph, wrap_pi
 from uwgraph.simulate.exposure import auto_scale, expose, mosaic
 from uwgraph.simulate.render import Shot, render
 from uwgraph.sun.mosaic import LAYOUTS, from_mosaic, layout
 from uwgraph.sun.polarization import estimate
-from uwgraph.sun.sensor import Sensor
 from uwgraph.sun.view import View
 
 

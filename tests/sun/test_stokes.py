@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from uwgraph.camera.sensor import Sensor
 from uwgraph.errors import DataError
-from uwgraph.sun.sensor import Sensor
 from uwgraph.sun.stokes import estimate_gains, from_channels
 
 FOUR = np.radians([0.0, 45.0, 90.0, 135.0])

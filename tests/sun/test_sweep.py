@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from uwgraph.camera.model import Camera
 from uwgraph.errors import DataError
 from uwgraph.frames import matrix_from_rph
-from uwgraph.sun.camera import Camera
 from uwgraph.sun.observation import level_axes, up_from_tilt
 from uwgraph.sun.scattering import dolp, scattered_aop, scattered_stokes, wrap_half
 from uwgraph.sun.scattering_fit import fit_sun

@@ -11,8 +11,8 @@ from uwgraph.cli.console import note, print_json, print_table, refuse_existing
 from uwgraph.errors import ConfigError
 
 if TYPE_CHECKING:
+    from uwgraph.camera.calibration_files import Calibrations
     from uwgraph.dive.rig import Rig
-    from uwgraph.sun.calibration_files import Calibrations
 
 EXAMPLES = """Examples:
 
@@ -53,10 +53,10 @@ def import_(
 ) -> None:
     """Take calibrations over: IMU noise into a rig file, a camera with its mounting and clock into a camera file."""
     from uwgraph.atomic import atomic_file
+    from uwgraph.camera.calibration_files import read_calibrations
+    from uwgraph.camera.file import write_camera
     from uwgraph.dive.rig import Rig
     from uwgraph.dive.rigfile import read_rig, write_rig
-    from uwgraph.sun.calibration_files import read_calibrations
-    from uwgraph.sun.camera_file import write_camera
 
     for target in (out, camera_out):
         refuse_existing(target, force)

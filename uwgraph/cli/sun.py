@@ -13,8 +13,8 @@ from uwgraph.cli.console import note, print_json, print_table, progress_bar
 from uwgraph.errors import ConfigError
 
 if TYPE_CHECKING:
-    from uwgraph.sun.camera import Analyser
-    from uwgraph.sun.camera_file import CameraFile
+    from uwgraph.camera.file import CameraFile
+    from uwgraph.camera.model import Analyser
     from uwgraph.sun.estimate import Estimate, Method
     from uwgraph.sun.view import View
 
@@ -305,8 +305,8 @@ def _camera(
     path: Path, polarizer_deg: str | None, mosaic: str | None, mount: str | None, analyser: Analyser | None
 ) -> CameraFile:
     """The camera file, options winning."""
-    from uwgraph.sun.camera import UP_FORWARD
-    from uwgraph.sun.camera_file import read_camera
+    from uwgraph.camera.file import read_camera
+    from uwgraph.camera.model import UP_FORWARD
 
     file = read_camera(path)
     if mount is not None:
@@ -349,8 +349,8 @@ def _index(medium: str, n: float | None) -> float:
 def _estimate(images: list[Path], file: CameraFile, view: View, method: Method | None, yaw_deg: str | None) -> Estimate:
     import numpy as np
 
+    from uwgraph.camera.images import read_image
     from uwgraph.sun.estimate import estimate_sun
-    from uwgraph.sun.images import read_image
 
     yaw = None if yaw_deg is None else np.radians(_numbers(yaw_deg, "--yaw-deg"))
     return estimate_sun([read_image(image) for image in images], file, view, method, yaw)

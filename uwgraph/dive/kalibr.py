@@ -71,6 +71,11 @@ class KalibrImu(BaseModel):
         """Rotation from the first IMU to this one, shape (3, 3)."""
         return np.eye(3) if self.T_i_b is None else rotation_of(self.T_i_b)
 
+    @property
+    def p_ib(self) -> FloatArray:
+        """Place of the first IMU in this one's frame, shape (3,), m."""
+        return np.zeros(3) if self.T_i_b is None else np.asarray(self.T_i_b, dtype=np.float64)[:3, 3]
+
     def rig(self, base: ImuRig) -> ImuRig:
         """The rig with what is stated here; every other field as it was."""
         stated = {ours: value for theirs, ours in _RIG_FIELDS.items() if (value := getattr(self, theirs)) is not None}

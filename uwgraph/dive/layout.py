@@ -5,8 +5,9 @@ Angles are degrees in files and radians in memory; symmetric matrices are stored
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 from typing import Any, Final
 
 import gsw
@@ -18,18 +19,24 @@ from uwgraph.dive.tables import Column, Kind, Table
 from uwgraph.errors import DataError
 from uwgraph.types import FloatArray, Images, Origin, Stream, stream_fields
 
-_UPPER: Final = ((0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2))
-_FULL: Final = np.array([0, 1, 2, 1, 3, 4, 2, 4, 5])
-
 
 def full_from_upper(upper: NDArray[Any]) -> NDArray[Any]:
-    """Symmetric matrices, shape (N, 3, 3), of xx, xy, xz, yy, yz, zz, shape (N, 6)."""
-    return upper[:, _FULL].reshape(-1, 3, 3)
+    """Symmetric matrices, shape (N, n, n), of their upper triangles row by row, shape (N, n (n + 1) / 2)."""
+    n = triangle_order(upper.shape[1])
+    full = np.empty((len(upper), n, n), dtype=upper.dtype)
+    i, j = np.triu_indices(n)
+    full[:, i, j] = full[:, j, i] = upper
+    return full
+
+
+def triangle_order(count: int) -> int:
+    """n of a triangle of n (n + 1) / 2 elements; 0 where that is none of a matrix."""
+    return {6: 3, 21: 6}.get(count, 0)
 
 
 @dataclass(frozen=True)
 class Field:
-    """The columns of one field: 1 for a scalar, 3 for a vector, 6 for a symmetric matrix."""
+    """The columns of one field: 1 for a scalar, 3 for a vector, 6 or 21 for the triangle of a symmetric matrix."""
 
     columns: tuple[str, ...]
     kind: Kind = "float"
@@ -38,19 +45,19 @@ class Field:
     """What stands in for columns that are not there; None: they must be."""
 
     def read(self, table: Table) -> NDArray[Any]:
-        """The field, shape (N,), (N, 3) or (N, 3, 3), of the columns of a file."""
+        """The field, shape (N,), (N, 3), (N, 3, 3) or (N, 6, 6), of the columns of a file."""
         count = len(table["t_ns"])
         parts = [table[c] if c in table else np.full(count, self.default) for c in self.columns]
         array = parts[0] if len(parts) == 1 else np.stack(parts, axis=-1)
-        if len(parts) == 6:
+        if triangle_order(len(parts)):
             array = full_from_upper(array)
         return np.radians(array) if self.degrees else array
 
     def write(self, array: NDArray[Any]) -> Table:
         """The columns of a file of the field."""
         array = np.degrees(array) if self.degrees else array
-        if len(self.columns) == 6:
-            array = array[:, *_UPPER]
+        if n := triangle_order(len(self.columns)):
+            array = array[:, *np.triu_indices(n)]
         return dict(zip(self.columns, array.reshape(len(array), -1).T, strict=True))
 
 
@@ -58,8 +65,8 @@ def _vector(name: str) -> tuple[str, ...]:
     return tuple(f"{name}_{axis}" for axis in "xyz")
 
 
-def _symmetric(name: str, axes: str = "xyz") -> tuple[str, ...]:
-    return tuple(f"{name}_{axes[i]}{axes[j]}" for i, j in zip(*_UPPER, strict=True))
+def _symmetric(name: str, axes: Sequence[str] = "xyz") -> tuple[str, ...]:
+    return tuple(f"{name}_{a}{b}" for a, b in combinations_with_replacement(axes, 2))
 
 
 _STAMPS: Final = {"t_ns": Field(("t_ns",), "int")}
@@ -67,6 +74,15 @@ _PLACE: Final = {
     "lat": Field(("lat_deg",), degrees=True),
     "lon": Field(("lon_deg",), degrees=True),
     "height": Field(("height",), default=np.nan),
+}
+_RELATIVE: Final = {
+    "from_ns": Field(("from_ns",), "int"),
+    "p": Field(_vector("p")),
+    "rotvec": Field(tuple(f"{name}_deg" for name in _vector("rot")), degrees=True),
+    "cov": Field(_symmetric("cov", ("rx", "ry", "rz", "px", "py", "pz"))),
+    "accepted": Field(("accepted",), "bool", default=True),
+    "reason": Field(("reason",), "text", default=""),
+    "inliers": Field(("inliers",), "int", default=0),
 }
 _UNKNOWN: Final[Mapping[str, Any]] = {"degrees": True, "default": np.nan}
 
@@ -101,6 +117,9 @@ LAYOUT: Final[Mapping[str, Mapping[str, Field]]] = {
         "flags": Field(("flags",), "int", default=0),
     },
     "gravity": _STAMPS | {"value": Field(("gravity",)), "sigma": Field(("sigma",))},
+    "altitude": _STAMPS | {"altitude": Field(("altitude",)), "sigma": Field(("sigma",), default=np.nan)},
+    "odometry": _STAMPS | _RELATIVE,
+    "closures": _STAMPS | _RELATIVE,
     "reference": _STAMPS
     | {
         "lat": Field(("lat_deg",), **_UNKNOWN),
@@ -183,12 +202,12 @@ def _check_groups(name: str, table: Table, where: str) -> None:
         )
     for field in LAYOUT[name].values():
         there = [column for column in field.columns if column in table]
-        if len(field.columns) == 6 and 0 < len(there) < 6:
+        if triangle_order(len(field.columns)) and 0 < len(there) < len(field.columns):
             missing = next(column for column in field.columns if column not in table)
             raise DataError(
                 f"column {missing!r} is missing beside {there[0]!r}",
                 where=where,
-                remedy="give all six of the covariance, or none",
+                remedy=f"give all {len(field.columns)} of the covariance",
             )
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from uwgraph.dive.rig import Rig
 from uwgraph.types import (
+    Altitude,
     Depth,
     Dvl,
     Fixes,
@@ -17,6 +18,7 @@ from uwgraph.types import (
     Imu,
     Origin,
     Reference,
+    RelativePoses,
     Stream,
     Sun,
 )
@@ -29,6 +31,9 @@ STREAM_TYPES: Mapping[str, type[Stream]] = {
     "heading": Heading,
     "sun": Sun,
     "gravity": Gravity,
+    "altitude": Altitude,
+    "odometry": RelativePoses,
+    "closures": RelativePoses,
     "reference": Reference,
 }
 
@@ -49,6 +54,11 @@ class Dive:
     heading: Heading | None = None
     sun: Sun | None = None
     gravity: Gravity | None = None
+    altitude: Altitude | None = None
+    odometry: RelativePoses | None = None
+    """Visual odometry: from one image to the next."""
+    closures: RelativePoses | None = None
+    """Places seen again."""
     reference: Reference | None = None
     images: Mapping[str, Images] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)

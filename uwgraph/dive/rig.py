@@ -97,6 +97,23 @@ class DepthRig(MountedSensor):
     """m, where the log states none."""
 
 
+class AltitudeRig(MountedSensor):
+    """The echo sounder that measures the distance to the bottom along its z axis (down, where it is not turned)."""
+
+    sigma: Positive = 0.05
+    """m, where the log states none."""
+
+
+class VisualRig(Settings):
+    """The clock of the camera that visual odometry and closures come from; its mounting is in its camera file."""
+
+    time_offset_s: Annotated[float, Field(ge=-3600, le=3600)] = 0.0
+
+    @property
+    def time_offset_ns(self) -> int:
+        return round(self.time_offset_s * 1e9)
+
+
 class FixesRig(MountedSensor):
     """The antenna or transponder that the fixes are of."""
 
@@ -131,4 +148,6 @@ class Rig(Settings):
     fixes: FixesRig = FixesRig()
     heading: HeadingRig = HeadingRig()
     sun: SunRig = SunRig()
+    altitude: AltitudeRig = AltitudeRig()
+    visual: VisualRig = VisualRig()
     reference: ReferenceRig = ReferenceRig()

@@ -11,12 +11,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from uwgraph.dive.layout import LAYOUT
+from uwgraph.dive.layout import LAYOUT, triangle_order
 from uwgraph.dive.model import Dive
 from uwgraph.errors import DataError
 from uwgraph.frames import ned_from_geodetic
 from uwgraph.time import isoformat
 from uwgraph.types import (
+    Altitude,
     BoolArray,
     Depth,
     Dvl,
@@ -26,6 +27,7 @@ from uwgraph.types import (
     Imu,
     Origin,
     Reference,
+    RelativePoses,
     Stream,
     Sun,
     TimeArray,
@@ -45,10 +47,15 @@ MAX_TURN: Final = 35.0
 MAX_TURN_RMS: Final = 3.0
 """rad/s sustained, more than any vehicle turns for a whole dive."""
 
-SHARED_STAMPS: Final = ("fixes", "sun")
+SHARED_STAMPS: Final = ("fixes", "sun", "odometry", "closures")
 """Streams with several sources, where two samples may share a stamp."""
-OPTIONAL: Final = {"dvl": ("cov_s",), "depth": ("sigma",), "fixes": ("height", "cov_n"), "heading": ("sigma",)} | {
+OPTIONAL: Final = {
+    "dvl": ("cov_s",),
+    "depth": ("sigma",),
+    "fixes": ("height", "cov_n"),
+    "heading": ("sigma",),
     "sun": ("cov_b",),
+    "altitude": ("sigma",),
     "reference": ("lat", "lon", "height", "rph", "v_n"),
 }
 """Fields where NaN stands for 'not known'."""
@@ -111,7 +118,7 @@ def _shapes(name: str, stream: Stream, where: str) -> None:
         raise DataError("holds no samples", where=where, remedy="leave the stream out, or record it again")
     for key, array in stream_fields(stream):
         width = len(LAYOUT[name][key].columns)
-        wanted = (len(stream), *{1: (), 3: (3,), 6: (3, 3)}[width])
+        wanted = (len(stream), *{1: (), 3: (3,), 6: (3, 3), 21: (6, 6)}[width])
         if array.shape != wanted:
             raise DataError(
                 f"has shape {array.shape}, {wanted} is needed", where=f"{where}: {key}", remedy="one row per stamp"
@@ -170,8 +177,11 @@ def _finite(name: str, stream: Stream, where: str) -> None:
 def _column(name: str, key: str, axes: list[int]) -> str:
     """The file's column of one element of a field."""
     columns = LAYOUT[name][key].columns
-    position = {0: 0, 1: sum(axes), 2: [0, 1, 2, 1, 3, 4, 2, 4, 5][3 * sum(axes[:1]) + sum(axes[1:])]}[len(axes)]
-    return columns[position]
+    if len(axes) < 2:
+        return columns[sum(axes)]
+    row, column = sorted(axes)
+    n = triangle_order(len(columns))
+    return columns[row * n - row * (row - 1) // 2 + column - row]
 
 
 def _refuse(bad: BoolArray | np.bool_, problem: str, where: str, remedy: str) -> None:
@@ -268,6 +278,29 @@ def _sun(sun: Sun, where: str) -> None:
     _covariances(sun.cov_b, f"{where}: cov_xx")
 
 
+def _altitude(altitude: Altitude, where: str) -> None:
+    _refuse(altitude.altitude <= 0.0, "is not above the bottom", f"{where}: altitude", "leave such samples out")
+    _sigmas(altitude.sigma, f"{where}: sigma")
+
+
+def _relative_poses(poses: RelativePoses, where: str) -> None:
+    _refuse(
+        poses.from_ns >= poses.t_ns,
+        "does not begin before it ends",
+        f"{where}: from_ns",
+        "from_ns is the earlier moment: invert the pose where it was told the other way round",
+    )
+    _refuse(
+        np.linalg.norm(poses.rotvec, axis=1) > np.pi + 1e-6,
+        "turns by more than half a turn",
+        f"{where}: rot_x_deg",
+        "give the shortest rotation vector, degrees in files and radians in memory",
+    )
+    _covariances(poses.cov, f"{where}: cov_rxrx")
+    unsure = np.diagonal(poses.cov, axis1=1, axis2=2).min(axis=1) > 0.0
+    _refuse(~unsure, "has a variance of zero", f"{where}: cov_rxrx", "state how sure it is: nothing is known exactly")
+
+
 def _reference(reference: Reference, where: str) -> None:
     _place(reference.lat, reference.lon, where)
     for column, angle in zip(("roll_deg", "pitch_deg", "heading_deg"), reference.rph.T, strict=True):
@@ -297,7 +330,7 @@ def _covariances(cov: FloatArray, where: str) -> None:
     """Positive semidefinite, wholly known or wholly NaN; infinite variances may stand on the diagonal."""
     unknown = np.isnan(cov)
     partly = unknown.any(axis=(1, 2)) & ~unknown.all(axis=(1, 2))
-    _refuse(partly, "is known in part", where, "give all six elements, or none")
+    _refuse(partly, "is known in part", where, "give all its elements, or none")
     bad: BoolArray = np.any(np.diagonal(cov, axis1=1, axis2=2) < 0, axis=1)
     known = np.isfinite(cov).all(axis=(1, 2))
     eigenvalues = np.linalg.eigvalsh(cov[known])
@@ -325,5 +358,7 @@ _CHECKS: Final[Mapping[type[Stream], _Check]] = {
     Fixes: _fixes,
     Heading: _heading,
     Sun: _sun,
+    Altitude: _altitude,
+    RelativePoses: _relative_poses,
     Reference: _reference,
 }

@@ -10,12 +10,13 @@ from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 
 from uwgraph.atomic import atomic_file
+from uwgraph.camera.refraction import refract
 from uwgraph.sun.estimate import Estimate
 from uwgraph.sun.gradient import GradientEstimate
 from uwgraph.sun.observation import SunObservation, level_axes
 from uwgraph.sun.polarization import PolarizationEstimate
 from uwgraph.sun.scattering_fit import ScatteringFit
-from uwgraph.sun.surface import refract, to_water
+from uwgraph.sun.surface import to_water
 from uwgraph.sun.view import View
 from uwgraph.types import BoolArray, FloatArray
 

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from uwgraph.sun.sensor import Sensor
+from uwgraph.camera.sensor import Sensor
 from uwgraph.types import FloatArray
 
 SONY: Final = (90.0, 45.0, 135.0, 0.0)

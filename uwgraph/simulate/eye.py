@@ -7,8 +7,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from uwgraph.camera.model import Camera
 from uwgraph.simulate.stokes import transmitted, turned
-from uwgraph.sun.camera import Camera
 from uwgraph.types import BoolArray, FloatArray
 
 

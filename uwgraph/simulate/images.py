@@ -11,6 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uwgraph.camera.file import CameraFile, write_camera
+from uwgraph.camera.model import Camera
+from uwgraph.camera.sensor import Sensor
 from uwgraph.dive import Dive
 from uwgraph.dive.folder import CAMERA_FILE
 from uwgraph.dive.rig import NonNegative, Positive, Settings
@@ -21,10 +24,7 @@ from uwgraph.simulate.noise import Noise
 from uwgraph.simulate.render import Shot, render
 from uwgraph.simulate.replay import ReferenceMotion
 from uwgraph.simulate.scene import Scene
-from uwgraph.sun.camera import Camera
-from uwgraph.sun.camera_file import CameraFile, write_camera
 from uwgraph.sun.ephemeris import sun_axes, sun_azimuth_elevation
-from uwgraph.sun.sensor import Sensor
 from uwgraph.time import from_seconds, isoformat
 from uwgraph.types import FloatArray, Images
 

@@ -31,9 +31,12 @@ _ROLL_PER_TURN_RATE_S: Final = 0.5
 
 
 class Mission(Settings):
-    """What the vehicle is told to do."""
+    """What the vehicle is told to do.
 
-    pattern: Literal["lawnmower", "helix", "transit"] = "lawnmower"
+    A lawn mower flies parallel legs, a patrol the same rectangle (legs by spacing) again and again.
+    """
+
+    pattern: Literal["lawnmower", "patrol", "helix", "transit"] = "lawnmower"
     duration_s: Positive = 1200.0
     speed: Positive = 1.5
     """m/s through the water."""
@@ -155,7 +158,7 @@ def _turn_rate(mission: Mission, t: FloatArray) -> FloatArray:
     if mission.pattern == "helix":
         rate = mission.speed / mission.helix_radius_m
         return rate * smoothstep((t - work_start) / _TURN_BLEND_S)
-    turns = _lawnmower_turns(mission, work_start)
+    turns = (_patrol_turns if mission.pattern == "patrol" else _lawnmower_turns)(mission, work_start)
     rate = np.radians(mission.turn_rate_deg_s)
     total = np.zeros_like(t)
     for start, angle in zip(turns.start_s, turns.angle, strict=True):
@@ -183,6 +186,43 @@ def _lawnmower_turns(mission: Mission, start: float) -> _Turns:
             course += side * quarter
         side = -side
     return turns
+
+
+def _patrol_turns(mission: Mission, start: float) -> _Turns:
+    """Quarter turns right around one rectangle; its last two legs make up for what the current does in the turns."""
+    quarter = 0.5 * np.pi
+    courses = np.radians(mission.heading_deg) + quarter * np.arange(4)
+    along = np.stack([np.cos(courses[:2]), np.sin(courses[:2])], axis=1)
+    defect = along @ np.sum([_quarter_turn(mission, course) for course in courses], axis=0)
+    sides = np.array([mission.leg_length_m, mission.line_spacing_m])
+    lengths = np.concatenate([sides, sides + defect])
+    if lengths.min() <= 0.0:
+        raise ConfigError(
+            f"the current leaves no rectangle of {sides[0]:g} by {sides[1]:g} m to go around",
+            where="leg_length_m, line_spacing_m",
+            remedy="make it larger, or the current weaker",
+        )
+    turns = _Turns([], [])
+    now = start
+    while now < mission.duration_s:
+        for course, length in zip(courses, lengths, strict=True):
+            now += length / _ground_speed(mission, course)
+            turns.start_s.append(now)
+            turns.angle.append(quarter)
+            now += quarter / np.radians(mission.turn_rate_deg_s)
+    return turns
+
+
+def _quarter_turn(mission: Mission, course: float) -> FloatArray:
+    """Where a quarter turn right out of a course leads beyond the blend on the next one, shape (2,), m."""
+    rate = np.radians(mission.turn_rate_deg_s)
+    turn_s = 0.5 * np.pi / rate
+    t = np.linspace(0.0, turn_s + _TURN_BLEND_S, 400)
+    courses = course + _integral(t, rate * _bump(t, 0.0, turn_s, _TURN_BLEND_S))
+    heading = _crab(mission, courses)
+    v = mission.speed * np.stack([np.cos(heading), np.sin(heading)]) + np.array(mission.current)[:, None]
+    after: FloatArray = np.trapezoid(v, t, axis=1) - _TURN_BLEND_S * v[:, -1]
+    return after
 
 
 def _sink_rate(mission: Mission, t: FloatArray) -> FloatArray:

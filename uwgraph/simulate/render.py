@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from uwgraph.camera.model import Camera
 from uwgraph.simulate.eye import Eye
 from uwgraph.simulate.fields import cap_directions
 from uwgraph.simulate.scene import Scene
@@ -20,7 +21,6 @@ from uwgraph.simulate.sea import Patch
 from uwgraph.simulate.sky import SUN_RADIUS, UP, Sky, horizontal_axis
 from uwgraph.simulate.stokes import about, transmitted
 from uwgraph.simulate.water import Downwelling, blurred, veil
-from uwgraph.sun.camera import Camera
 from uwgraph.types import FloatArray
 
 _LONG_M: Final = 0.5

@@ -8,17 +8,17 @@ from typing import Final, Literal
 
 import numpy as np
 
+from uwgraph.camera.file import CameraFile
+from uwgraph.camera.images import Counts
+from uwgraph.camera.model import check_size
+from uwgraph.camera.sensor import Sensor
 from uwgraph.errors import ConfigError, DataError
 from uwgraph.sun import gradient, polarization
-from uwgraph.sun.camera import check_size
-from uwgraph.sun.camera_file import CameraFile
 from uwgraph.sun.ephemeris import sun_azimuth_elevation
 from uwgraph.sun.gradient import GradientEstimate
-from uwgraph.sun.images import Counts
 from uwgraph.sun.mosaic import from_mosaic, layout
 from uwgraph.sun.polarization import PolarizationEstimate
 from uwgraph.sun.scattering_fit import ScatteringFit, fit_sun
-from uwgraph.sun.sensor import Sensor
 from uwgraph.sun.stokes import StokesImage, binned, from_channels
 from uwgraph.sun.sweep import joined
 from uwgraph.sun.sweep_image import sweep_of_image

@@ -20,7 +20,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from uwgraph.sun.camera import Analyser, Camera
+from uwgraph.camera.model import Analyser, Camera
 from uwgraph.sun.eigen import Evectors
 from uwgraph.sun.stokes import StokesImage
 from uwgraph.sun.surface import to_air, transmission_elements

@@ -13,7 +13,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from uwgraph.sun.camera import check_size
+from uwgraph.camera.model import check_size
+from uwgraph.camera.sensor import Sensor
 from uwgraph.sun.gradient_additive import AdditiveResult, Sky, additive_sun, jackknife, moved, refit
 from uwgraph.sun.gradient_field import GradientField, SkyLight, gradient_field, sky_light
 from uwgraph.sun.gradient_plain import PlainResult, plain_sun
@@ -29,7 +30,6 @@ from uwgraph.sun.observation import (
     tilted,
     zenith_angle,
 )
-from uwgraph.sun.sensor import Sensor
 from uwgraph.sun.view import View
 from uwgraph.types import FloatArray
 

@@ -15,9 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uwgraph.camera.refraction import refract_jacobian
+from uwgraph.camera.sensor import Sensor
 from uwgraph.sun.gradient_mask import clear_sky, dilated, smoothed
-from uwgraph.sun.sensor import Sensor
-from uwgraph.sun.surface import in_window, radiance_factor, refract_jacobian
+from uwgraph.sun.surface import in_window, radiance_factor
 from uwgraph.sun.view import View
 from uwgraph.types import BoolArray, FloatArray
 

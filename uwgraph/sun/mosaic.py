@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from uwgraph.camera.sensor import Sensor
 from uwgraph.errors import ConfigError, DataError
-from uwgraph.sun.sensor import Sensor
 from uwgraph.sun.stokes import StokesImage, analyser_matrix, stokes_of_means
 from uwgraph.types import BoolArray, FloatArray
 

@@ -10,12 +10,12 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Final
 
+from uwgraph.camera.file import read_camera
+from uwgraph.camera.images import read_image
 from uwgraph.dive.model import Dive
 from uwgraph.dive.vertical import vertical
 from uwgraph.errors import ConfigError, DataError
-from uwgraph.sun.camera_file import read_camera
 from uwgraph.sun.estimate import Method, estimate_sun, view_of
-from uwgraph.sun.images import read_image
 from uwgraph.sun.observation import SunFlag, SunObservation, sun_stream
 from uwgraph.types import FloatArray, Sun
 

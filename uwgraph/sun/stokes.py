@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from uwgraph.camera.sensor import Sensor
 from uwgraph.errors import DataError
-from uwgraph.sun.sensor import Sensor
 from uwgraph.types import BoolArray, FloatArray
 
 

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from uwgraph.sun.camera import Camera
+from uwgraph.camera.model import Camera
 from uwgraph.sun.surface import to_air
 from uwgraph.types import FloatArray
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from uwgraph.sun.camera import UP_FORWARD, Camera
-from uwgraph.sun.surface import refract, to_air
+from uwgraph.camera.model import UP_FORWARD, Camera
+from uwgraph.camera.refraction import refract
+from uwgraph.sun.surface import to_air
 
 PINHOLE = Camera("pinhole", (500.0, 510.0), (322.0, 238.0), (640, 480), (-0.12, 0.05, 1e-3, -2e-3, 0.01))
 FISHEYE = Camera("fisheye", (230.0, 231.0), (322.0, 238.0), (640, 480), (0.02, -0.01, 0.003, -0.0005))

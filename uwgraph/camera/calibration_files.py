@@ -10,14 +10,14 @@ from typing import Final
 
 import numpy as np
 
+from uwgraph.camera.file import CameraFile, read_camera
+from uwgraph.camera.formats import file_values, is_kalibr, is_matrix_file, is_opencv
+from uwgraph.camera.on_imu import CameraOnImu, camera_on_imu
 from uwgraph.dive.kalibr import KalibrImu, imus_of
 from uwgraph.dive.logs.axes import turn
 from uwgraph.dive.rig import Rig
 from uwgraph.dive.yamlfile import read_text
 from uwgraph.errors import ConfigError
-from uwgraph.sun.camera_file import CameraFile, read_camera
-from uwgraph.sun.camera_formats import file_values, is_kalibr, is_matrix_file, is_opencv
-from uwgraph.sun.camera_imu import CameraOnImu, camera_on_imu
 from uwgraph.types import FloatArray
 
 AXES: Final = tuple(
@@ -36,17 +36,18 @@ class Calibrations:
     imu: KalibrImu | None = None
     imu_name: str = ""
     camera: CameraFile | None = None
-    """With its mounting as :func:`~uwgraph.sun.camera_file.read_camera` takes it."""
+    """With its mounting as :func:`~uwgraph.camera.file.read_camera` takes it."""
     on_imu: CameraOnImu | None = None
     """How the camera sits on the first IMU, where a file tells."""
 
     def rig(self, base: Rig) -> Rig:
-        """The rig with the IMU's noise and clock, and the camera's clock (the sun's) where it is stated."""
+        """The rig with the IMU's noise and clock, and the camera's clock where it is stated."""
         update: dict[str, object] = {}
         if self.imu is not None:
             update["imu"] = self.imu.rig(base.imu)
         if self.on_imu is not None and self.on_imu.time_offset_s is not None:
-            update["sun"] = base.sun.model_copy(update={"time_offset_s": self.on_imu.time_offset_s})
+            clock = {"time_offset_s": self.on_imu.time_offset_s}
+            update |= {"sun": base.sun.model_copy(update=clock), "visual": base.visual.model_copy(update=clock)}
         return base.model_copy(update=update)
 
     def mounted_camera(self, imu_axes: str | None) -> CameraFile | None:
@@ -67,9 +68,11 @@ class Calibrations:
                 where="--imu-axes",
                 remedy=f"one of {', '.join(AXES)} (forward, back, right, left, down, up)",
             )
-        R_ib = np.eye(3) if self.imu is None else self.imu.R_ib
-        R_bs: FloatArray = turn(imu_axes) @ R_ib @ self.on_imu.R_is
-        return replace(self.camera, camera=replace(self.camera.camera, R_bs=R_bs))
+        R_ib, p_ib = (np.eye(3), np.zeros(3)) if self.imu is None else (self.imu.R_ib, self.imu.p_ib)
+        R_bi = turn(imu_axes)
+        R_bs, l_b = R_bi @ R_ib @ self.on_imu.R_is, R_bi @ (R_ib @ self.on_imu.p_is + p_ib)
+        mounted = replace(self.camera.camera, R_bs=R_bs, l_b=l_b)
+        return replace(self.camera, camera=mounted)
 
 
 def read_calibrations(files: Sequence[Path], imu: str | None = None, camera: str | None = None) -> Calibrations:

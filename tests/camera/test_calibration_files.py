@@ -12,12 +12,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from uwgraph.camera.calibration_files import AXES, read_calibrations
+from uwgraph.camera.model import UP_FORWARD
 from uwgraph.dive.kalibr import rotation_of
 from uwgraph.dive.logs.axes import turn
 from uwgraph.dive.rig import ImuRig, Rig, SunRig
 from uwgraph.errors import ConfigError, UwgraphError
-from uwgraph.sun.calibration_files import AXES, read_calibrations
-from uwgraph.sun.camera import UP_FORWARD
 
 KALIBR_IMU = """\
 #Accelerometers
@@ -154,6 +154,19 @@ def test_mounting_of_a_camera_on_an_imu(file, axes, angles, rounding):
     imus = file({"imu0": imu_block(), "imu1": imu_block(T_i_b=rigid(turn("flu").T @ R_bi0))}, "imus.yaml")
     second = read_calibrations([chain, imus], imu="imu1").mounted_camera("flu").camera.R_bs
     np.testing.assert_allclose(second, R_bs, atol=3 * rounding + 1e-9)
+
+
+def test_lever_arm_of_a_camera_on_an_imu(file):
+    """A point seen by the camera is where the chain of frames puts it, from the IMU that is the body's origin."""
+    rng = np.random.default_rng(1)
+    T_ci, T_21 = (np.array(rigid(Rotation.random(rng=rng).as_matrix())) for _ in range(2))
+    T_ci[:3, 3], T_21[:3, 3] = rng.normal(size=(2, 3))
+    chain = file({"cam0": CAMERA | {"T_cam_imu": T_ci.tolist()}}, "chain.yaml")
+    imus = file({"imu0": imu_block(), "imu1": imu_block(T_i_b=T_21.tolist())}, "imus.yaml")
+    camera = read_calibrations([chain, imus], imu="imu1").mounted_camera("flu").camera
+    x_1 = np.array([0.3, -2.0, 1.0, 1.0])
+    expected = turn("flu") @ (T_21 @ x_1)[:3]
+    np.testing.assert_allclose(camera.R_bs @ (T_ci @ x_1)[:3] + camera.l_b, expected, atol=1e-9)
 
 
 def test_axes():

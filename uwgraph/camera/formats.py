@@ -17,7 +17,7 @@ _KALIBR_DISTORTION: Final = {"radtan": "pinhole", "equidistant": "fisheye", "equ
 _FISHEYE_MARKERS: Final = ("fisheye", "equidistant", "kannala_brandt")
 
 
-_OURS: Final = ("mount", "R_bs", "port", "analyser", "mosaic", "polarizer_deg", "sensor")
+_OURS: Final = ("mount", "R_bs", "translation_m", "port", "analyser", "mosaic", "polarizer_deg", "sensor")
 """Keys of ours that may be added to a file of any format."""
 _MATRIX: Final = ("camera_matrix", "K", "Camera_Matrix")
 _DISTORTION: Final = ("distortion_coefficients", "D", "Distortion_Coefficients", "dist_coeffs", "distortion")

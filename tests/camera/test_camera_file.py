@@ -10,10 +10,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from uwgraph.camera.file import CameraFile, read_camera, write_camera
+from uwgraph.camera.model import DOWN_FORWARD, UP_FORWARD, Camera, check_size
+from uwgraph.camera.sensor import Sensor
 from uwgraph.errors import ConfigError, DataError, UwgraphError
-from uwgraph.sun.camera import UP_FORWARD, Camera, check_size
-from uwgraph.sun.camera_file import CameraFile, read_camera, write_camera
-from uwgraph.sun.sensor import Sensor
 
 OURS = {"model": "fisheye", "f": [820.5, 819.8], "c": [1223.2, 1022.9], "size": [2448, 2048]}
 MATRIX = np.array([[500.5, 0.0, 320.25], [0.0, 501.5, 240.75], [0.0, 0.0, 1.0]])
@@ -84,11 +84,26 @@ def test_rounded_rotation_becomes_exact(given_file):
 def test_written_is_read_back(tmp_path, model, numbers, angles, port, analyser, sensor, mosaic, polarizer):
     fu, fv, cu, cv = numbers
     R = Rotation.from_euler("ZYX", angles).as_matrix()
-    camera = Camera(model, (fu, fv), (cu, cv), (640, 480), (0.1, -0.02, 0.0, 1e-3), R, port, analyser)
+    camera = Camera(model, (fu, fv), (cu, cv), (640, 480), (0.1, -0.02, 0.0, 1e-3), R, port, analyser, np.array(angles))
     write_camera(tmp_path / "c.yaml", CameraFile(camera, sensor, mosaic, polarizer))
     found = read_camera(tmp_path / "c.yaml")
     assert same(found.camera, camera)
+    np.testing.assert_array_equal(found.camera.l_b, camera.l_b)
     assert (found.sensor, found.mosaic, found.polarizer_deg) == (sensor, mosaic, polarizer)
+
+
+@pytest.mark.parametrize("R_bs", [UP_FORWARD, DOWN_FORWARD])
+def test_usual_mountings_are_named(tmp_path, R_bs):
+    write_camera(tmp_path / "c.yaml", CameraFile(Camera("pinhole", (500, 500), (320, 240), (640, 480), R_bs=R_bs)))
+    assert "mount: " in (tmp_path / "c.yaml").read_text()
+    np.testing.assert_array_equal(read_camera(tmp_path / "c.yaml").camera.R_bs, R_bs)
+
+
+def test_down_forward_looks_down_and_ahead():
+    axes = DOWN_FORWARD @ np.eye(3)
+    np.testing.assert_array_equal(axes[:, 2], [0, 0, 1])  # the optical axis points down
+    np.testing.assert_array_equal(axes[:, 0], [0, 1, 0])  # columns grow to starboard
+    np.testing.assert_array_equal(-axes[:, 1], [1, 0, 0])  # the image's top is ahead
 
 
 @pytest.mark.parametrize(("bend", "model"), [("radtan", "pinhole"), ("equidistant", "fisheye"), ("equi", "fisheye")])

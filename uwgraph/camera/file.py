@@ -1,6 +1,7 @@
 """Camera files: our own YAML, Kalibr's camchain, OpenCV's FileStorage (YAML or XML), ROS's camera_info: by their keys.
 
-``mount``, ``R_bs``, ``port``, ``analyser``, ``mosaic``, ``polarizer_deg`` and ``sensor`` may be added to any of them.
+``mount``, ``R_bs``, ``translation_m``, ``port``, ``analyser``, ``mosaic``, ``polarizer_deg`` and ``sensor`` may be
+added to any of them.
 
 Our own::
 
@@ -9,7 +10,8 @@ Our own::
     c: [1223.2, 1022.9]         # principal point (column, row)
     size: [2448, 2048]          # width, height
     distortion: [0.01, -0.002, 0.0, 0.0]
-    mount: up-forward           # or R_bs: nine numbers, row by row, camera to body (forward, right, down)
+    mount: up-forward           # or down-forward, or R_bs: nine numbers by rows, camera to body (forward, right, down)
+    translation_m: [0, 0, 0]    # the camera's place in the vehicle, from the IMU: forward, right, down
     port: dome                  # or flat
     analyser: lens              # or sheet, projected
     mosaic: sony
@@ -27,10 +29,7 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from uwgraph.dive.yamlfile import parse_settings, read_text
-from uwgraph.errors import ConfigError
-from uwgraph.sun.camera import UP_FORWARD, Analyser, Camera, Model, Port
-from uwgraph.sun.camera_formats import (
+from uwgraph.camera.formats import (
     file_values,
     is_kalibr,
     is_matrix_file,
@@ -38,9 +37,14 @@ from uwgraph.sun.camera_formats import (
     kalibr_values,
     opencv_values,
 )
-from uwgraph.sun.sensor import Sensor
+from uwgraph.camera.model import DOWN_FORWARD, UP_FORWARD, Analyser, Camera, Model, Port
+from uwgraph.camera.sensor import Sensor
+from uwgraph.dive.yamlfile import parse_settings, read_text
+from uwgraph.errors import ConfigError
 from uwgraph.types import FloatArray
 
+MOUNTS: Final = {"up-forward": UP_FORWARD, "down-forward": DOWN_FORWARD}
+"""Usual mountings, by name: where the camera looks, and where the top of its image points."""
 COEFFICIENTS: Final = {"pinhole": (0, 4, 5, 8, 12, 14), "fisheye": (0, 4)}
 """How many distortion coefficients OpenCV's models take."""
 
@@ -56,7 +60,7 @@ class CameraFile:
 
     camera: Camera
     sensor: Sensor | None = None
-    """None where the file does not say: see :meth:`uwgraph.sun.sensor.Sensor.of`."""
+    """None where the file does not say: see :meth:`uwgraph.camera.sensor.Sensor.of`."""
     mosaic: str | None = None
     """Name of the division-of-focal-plane layout."""
     polarizer_deg: tuple[float, ...] | None = None
@@ -80,8 +84,9 @@ class _CameraSettings(_Settings):
     c: tuple[Finite, Finite]
     size: tuple[Extent, Extent]
     distortion: tuple[Finite, ...] = ()
-    mount: Literal["up-forward"] | None = None
+    mount: Literal["up-forward", "down-forward"] | None = None
     R_bs: tuple[Finite, ...] | None = None
+    translation_m: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
     port: Port = "dome"
     analyser: Analyser = "lens"
     mosaic: str | None = None
@@ -125,6 +130,11 @@ class _CameraSettings(_Settings):
             raise ValueError("mount and R_bs say the same: give one of them")
         return self
 
+    def _rotation_bs(self) -> FloatArray:
+        if self.R_bs is not None:
+            return _nearest_rotation(np.reshape(self.R_bs, (3, 3)))
+        return MOUNTS[self.mount or "up-forward"].copy()
+
     def camera_file(self) -> CameraFile:
         return CameraFile(
             Camera(
@@ -133,7 +143,8 @@ class _CameraSettings(_Settings):
                 c=self.c,
                 size=self.size,
                 distortion=self.distortion,
-                R_bs=UP_FORWARD.copy() if self.R_bs is None else _nearest_rotation(np.reshape(self.R_bs, (3, 3))),
+                R_bs=self._rotation_bs(),
+                l_b=np.array(self.translation_m),
                 port=self.port,
                 analyser=self.analyser,
             ),
@@ -178,10 +189,10 @@ def write_camera(path: Path, file: CameraFile) -> None:
         "port": camera.port,
         "analyser": camera.analyser,
     }
-    if np.array_equal(camera.R_bs, UP_FORWARD):
-        values["mount"] = "up-forward"
-    else:
-        values["R_bs"] = camera.R_bs.ravel().tolist()
+    named = next((name for name, R_bs in MOUNTS.items() if np.array_equal(camera.R_bs, R_bs)), None)
+    values |= {"mount": named} if named else {"R_bs": camera.R_bs.ravel().tolist()}
+    if camera.l_b.any():
+        values["translation_m"] = camera.l_b.tolist()
     if file.mosaic is not None:
         values["mosaic"] = file.mosaic
     if file.polarizer_deg is not None:

@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from uwgraph.camera.refraction import refract, refract_jacobian
 from uwgraph.errors import DataError
-from uwgraph.sun.surface import refract, refract_jacobian
 from uwgraph.types import FloatArray
 
 Model = Literal["pinhole", "fisheye"]
@@ -25,6 +25,10 @@ Analyser = Literal["lens", "sheet", "projected"]
 
 UP_FORWARD: Final = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """R_bs of a camera that looks up (optical axis along -z_b), image top towards the bow, columns growing to port."""
+
+
+DOWN_FORWARD: Final = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+"""R_bs of a camera that looks down (optical axis along z_b), image top towards the bow, columns to starboard."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +50,8 @@ class Camera:
     """A dome keeps the rays; a flat port, its normal along the optical axis, bends them."""
     analyser: Analyser = "lens"
     """Where the polarizer sits: behind the lens, as a sheet before it, or the camera's x projected (simulators)."""
+    l_b: FloatArray = field(default_factory=lambda: np.zeros(3))
+    """Lever arm from the IMU to the camera in the body frame, shape (3,), m."""
 
     def rays(self, uv: ArrayLike) -> FloatArray:
         """Unit rays in the camera frame, inside the housing, of pixels (N, 2); shape (N, 3); NaN beyond the model."""
@@ -63,10 +69,10 @@ class Camera:
         """Pixels (N, 2) of rays (N, 3) in the camera frame, inside the housing; NaN behind a pinhole."""
         r = np.atleast_2d(np.asarray(r_s, dtype=np.float64))
         if self.model == "pinhole":
-            uv, _ = cv2.projectPoints(r[:, None], np.zeros(3), np.zeros(3), self._matrix, self._coefficients)
+            uv, _ = cv2.projectPoints(r[:, None], np.zeros(3), np.zeros(3), self.matrix, self.coefficients)
             return np.where(r[:, 2:] > 0.0, np.asarray(uv, dtype=np.float64).reshape(-1, 2), np.nan)
         planar = np.hypot(r[:, 0], r[:, 1])
-        theta_d = _kannala_brandt(np.arctan2(planar, r[:, 2]), self._coefficients)[0]
+        theta_d = _kannala_brandt(np.arctan2(planar, r[:, 2]), self.coefficients)[0]
         unit = r[:, :2] / np.maximum(planar, 1e-300)[:, None]
         return np.asarray(theta_d[:, None] * unit * np.array(self.f) + np.array(self.c), dtype=np.float64)
 
@@ -97,15 +103,17 @@ class Camera:
         return np.stack([u.ravel(), v.ravel()], axis=1)
 
     @property
-    def _matrix(self) -> FloatArray:
+    def matrix(self) -> FloatArray:
+        """OpenCV's camera matrix, shape (3, 3)."""
         return np.array([[self.f[0], 0.0, self.c[0]], [0.0, self.f[1], self.c[1]], [0.0, 0.0, 1.0]])
 
     @property
-    def _coefficients(self) -> FloatArray:
+    def coefficients(self) -> FloatArray:
+        """OpenCV's distortion coefficients; four zeros for none."""
         return np.array(self.distortion) if self.distortion else np.zeros(4)
 
     def _pinhole(self, uv: FloatArray) -> tuple[FloatArray, FloatArray]:
-        start = cv2.undistortPoints(uv[:, None], self._matrix, self._coefficients)
+        start = cv2.undistortPoints(uv[:, None], self.matrix, self.coefficients)
         xy = np.asarray(start, dtype=np.float64).reshape(-1, 2)
         for _ in range(4):  # OpenCV 4 and 5 stop at different accuracies: Newton's steps end both alike
             seen, duv_dxy = self._distorted(xy)
@@ -122,14 +130,14 @@ class Camera:
     def _distorted(self, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Pixels of normalised points (N, 2), and their derivative (N, 2, 2)."""
         points = np.concatenate([xy, np.ones((len(xy), 1))], axis=1)[:, None]
-        uv, J = cv2.projectPoints(points, np.zeros(3), np.zeros(3), self._matrix, self._coefficients)
+        uv, J = cv2.projectPoints(points, np.zeros(3), np.zeros(3), self.matrix, self.coefficients)
         duv_dxy = J[:, 3:5]  # at z = 1 a translation moves the point itself
         return np.asarray(uv, np.float64).reshape(-1, 2), np.asarray(duv_dxy, np.float64).reshape(-1, 2, 2)
 
     def _fisheye(self, uv: FloatArray) -> tuple[FloatArray, FloatArray]:
         m = (uv - np.array(self.c)) / np.array(self.f)
         theta_d = np.hypot(m[:, 0], m[:, 1])
-        theta, slope = _kannala_brandt_inverse(theta_d, self._coefficients)
+        theta, slope = _kannala_brandt_inverse(theta_d, self.coefficients)
         on_axis = theta_d < 1e-9
         safe = np.where(on_axis, 1.0, theta_d)
         cos_a, sin_a = np.where(on_axis, 1.0, m[:, 0] / safe), np.where(on_axis, 0.0, m[:, 1] / safe)

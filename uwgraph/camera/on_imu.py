@@ -9,9 +9,9 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from uwgraph.camera.formats import kalibr_camera
 from uwgraph.dive.kalibr import Matrix4, rotation_of
 from uwgraph.dive.yamlfile import parse_settings
-from uwgraph.sun.camera_formats import kalibr_camera
 from uwgraph.types import FloatArray
 
 
@@ -21,6 +21,8 @@ class CameraOnImu:
 
     R_is: FloatArray
     """Rotation from the camera to the first IMU, shape (3, 3)."""
+    p_is: FloatArray
+    """The camera's place in the first IMU's frame, shape (3,), m."""
     time_offset_s: float | None
     """Added to the camera's stamps to get the IMU's; None where it is not stated."""
 
@@ -53,7 +55,12 @@ def camera_on_imu(chain: Mapping[str, Any], where: str, camera: str | None = Non
     values, where = kalibr_camera(chain, where, camera)
     found = parse_settings(_Extrinsics, dict(values), where)
     if found.T_imu_cam is not None:
-        return CameraOnImu(rotation_of(found.T_imu_cam), found.timeshift_cam_imu)
+        return CameraOnImu(rotation_of(found.T_imu_cam), _translation(found.T_imu_cam), found.timeshift_cam_imu)
     if found.T_cam_imu is not None:
-        return CameraOnImu(np.ascontiguousarray(rotation_of(found.T_cam_imu).T), found.timeshift_cam_imu)
+        R_is = np.ascontiguousarray(rotation_of(found.T_cam_imu).T)
+        return CameraOnImu(R_is, -R_is @ _translation(found.T_cam_imu), found.timeshift_cam_imu)
     return None
+
+
+def _translation(T: Matrix4) -> FloatArray:
+    return np.asarray(T, dtype=np.float64)[:3, 3]

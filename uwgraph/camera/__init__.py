@@ -1,0 +1,1 @@
+"""Cameras: calibration files, pixels and rays, image files."""

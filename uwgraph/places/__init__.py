@@ -1,0 +1,1 @@
+"""Places: recognised by a learned metric, verified by geometry, kept in a topological map."""
