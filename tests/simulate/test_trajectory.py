@@ -120,7 +120,7 @@ def test_patrol_comes_back_to_its_track_in_a_current():
 
 def test_patrol_that_the_current_closes_is_refused():
     with pytest.raises(ConfigError, match="no rectangle"):
-        motion("patrol", 600.0, leg_length_m=2.0, line_spacing_m=2.0, current=(0.9, 0.7))
+        motion("patrol", 600.0, leg_length_m=2.0, line_spacing_m=2.0, current=(-0.9, -0.6))
 
 
 def test_lawnmower_covers_an_area_and_helix_turns():

@@ -18,7 +18,6 @@ from uwgraph.dive.logs.axes import turn
 from uwgraph.dive.rig import Rig
 from uwgraph.dive.yamlfile import read_text
 from uwgraph.errors import ConfigError
-from uwgraph.types import FloatArray
 
 AXES: Final = tuple(
     name

@@ -42,7 +42,9 @@ class Added(StrEnum):
 
 def simulate(
     dest: Annotated[Path, typer.Argument(metavar="DEST", help="The dive folder to make.")],
-    pattern: Annotated[Literal["lawnmower", "patrol", "helix", "transit"] | None, typer.Option(help="The mission.")] = None,
+    pattern: Annotated[
+        Literal["lawnmower", "patrol", "helix", "transit"] | None, typer.Option(help="The mission.")
+    ] = None,
     duration_s: Annotated[float | None, typer.Option("--duration", metavar="S", help="How long, seconds.")] = None,
     depth: Annotated[float | None, typer.Option(metavar="M", help="Working depth, metres.")] = None,
     speed: Annotated[float | None, typer.Option(metavar="M/S", help="Speed through the water, m/s.")] = None,
