@@ -161,6 +161,14 @@ def test_depth_from_what_logs_have() -> None:
         assert f"99325 Pa at the surface ({how})" in notes.conversions[0]
 
 
+def test_a_distance_that_is_none_is_no_altitude() -> None:
+    values = {"altitude": [3.0, -1.0, 0.0, np.nan, 4.0, 5.0], "valid": [1, 1, 1, 1, 0, 1]}
+    altitude, notes = built("altitude", values, {"altitude": "a", "valid": "ok"})
+    np.testing.assert_array_equal(altitude.altitude, [3, 5])
+    assert np.isnan(altitude.sigma).all()
+    assert "4 of 6" in notes.conversions[0]
+
+
 def test_sigmas_that_are_none() -> None:
     depth, _ = built("depth", {"depth": [1.0, 2, 3], "sigma": [0.1, 0.0, -1.0]}, {"depth": "d", "sigma": "s"})
     np.testing.assert_array_equal(depth.sigma, [0.1, np.nan, np.nan])

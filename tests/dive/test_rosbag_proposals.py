@@ -102,6 +102,12 @@ def test_names_of_cameras(topic: str, camera: str) -> None:
 def test_presets_name_fields_that_the_messages_have(type_name: str) -> None:
     fields = MessageType(type_name, "cdr").fields
     assert "header.stamp" in fields
-    (proposal,) = proposals(Topic("/t", type_name, fields=fields))
-    used = {q.path.partition("[")[0] for quantities in proposal.mapping.quantities().values() for q in quantities}
+    found = proposals(Topic("/t", type_name, fields=fields))
+    used = {q.path.partition("[")[0] for p in found for group in p.mapping.quantities().values() for q in group}
     assert used <= set(fields)
+
+
+@pytest.mark.parametrize("type_name", [name for name in KNOWN_DEFINITIONS if name.lower().endswith("dvl")])
+def test_a_dvl_that_has_an_altitude_gives_it(type_name: str) -> None:
+    found = proposals(Topic("/dvl", type_name, fields=MessageType(type_name, "cdr").fields))
+    assert [proposal.stream for proposal in found] == ["dvl", "altitude"]

@@ -151,6 +151,16 @@ class DepthMapping(TopicMapping):
         return self
 
 
+class AltitudeMapping(TopicMapping):
+    """Distance to the bottom from an echo sounder or a DVL; what is not positive is none."""
+
+    altitude: Length
+    sigma: Length | None = None
+    valid: Number | None = None
+    """A distance where it is greater than ``valid_above``."""
+    valid_above: float = 0.0
+
+
 class FixesMapping(TopicMapping):
     """Latitude and longitude, or a place on a local map about the origin."""
 
@@ -242,6 +252,7 @@ StreamMapping: TypeAlias = (
     ImuMapping
     | DvlMapping
     | DepthMapping
+    | AltitudeMapping
     | FixesMapping
     | HeadingMapping
     | ReferenceMapping
@@ -256,6 +267,7 @@ class Streams(Settings):
     imu: ImuMapping | None = None
     dvl: DvlMapping | None = None
     depth: DepthMapping | None = None
+    altitude: AltitudeMapping | None = None
     fixes: FixesMapping | None = None
     heading: HeadingMapping | None = None
     gravity: GravityMapping | None = None

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from uwgraph.dive.logs.mapping import FixesMapping, TopicMapping
+from uwgraph.dive.logs.mapping import AltitudeMapping, FixesMapping, TopicMapping
 from uwgraph.dive.logs.notes import Notes
 from uwgraph.types import BoolArray, FloatArray, TimeArray
 
@@ -23,6 +23,7 @@ MAX_DAMAGED: Final = 0.05
 MANDATORY: Final[Mapping[str, tuple[str, ...]]] = {
     "imu": ("f", "w"),
     "depth": ("depth", "height", "pressure"),
+    "altitude": ("altitude",),
     "fixes": ("lat", "lon", "position"),
     "heading": ("heading", "orientation", "magnetic_field"),
     "gravity": ("gravity", "anomaly", "sigma"),
@@ -68,8 +69,13 @@ def usable(stream: str, samples: Samples, mapping: TopicMapping, notes: Notes) -
         good &= samples["f"].any(axis=1) if len(samples) else good
     if "pressure" in samples:
         good &= _can_be(samples["pressure"])
-    if isinstance(mapping, FixesMapping):
-        good &= _has_fix(samples, mapping.valid_above)
+    if isinstance(mapping, FixesMapping | AltitudeMapping) and "valid" in samples:
+        good &= samples["valid"] > mapping.valid_above
+    if "altitude" in samples:
+        good &= samples["altitude"] > 0.0
+    if "lat" in samples:
+        # receivers without a fix say (0, 0)
+        good &= (samples["lat"] != 0.0) | (samples["lon"] != 0.0)
     if "orientation" in samples and stream == "heading":
         good &= np.linalg.norm(samples["orientation"], axis=1) > 0.5
     if not good.all():
@@ -95,16 +101,6 @@ def _without_repeats(samples: Samples, notes: Notes) -> Samples:
         told = notes.conversions if new.mean() > 0.5 else notes.caveats
         told.append(f"fixes: {repeats}: dropped, since a receiver without signal does that")
     return samples.take(new)
-
-
-def _has_fix(samples: Samples, valid_above: float) -> BoolArray:
-    good = np.ones(len(samples), dtype=np.bool_)
-    if "valid" in samples:
-        good &= samples["valid"] > valid_above
-    if "lat" in samples:
-        # receivers without a fix say (0, 0)
-        good &= (samples["lat"] != 0.0) | (samples["lon"] != 0.0)
-    return good
 
 
 def _thinned(stream: str, samples: Samples, rate_hz: float | None, notes: Notes) -> Samples:

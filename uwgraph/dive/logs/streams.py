@@ -11,6 +11,7 @@ from uwgraph.dive.layout import depth_from_pressure
 from uwgraph.dive.logs.axes import turn, turned_attitude, turned_covariance
 from uwgraph.dive.logs.headings import HEADINGS
 from uwgraph.dive.logs.mapping import (
+    AltitudeMapping,
     DepthMapping,
     DvlMapping,
     FixesMapping,
@@ -25,7 +26,20 @@ from uwgraph.dive.logs.sampling import interval_means
 from uwgraph.dive.model import Dive
 from uwgraph.errors import DataError
 from uwgraph.frames import R_n_local, geodetic_from_ned, matrix_from_rph, rph_from_matrix, wrap_pi
-from uwgraph.types import BoolArray, Depth, Dvl, Fixes, FloatArray, Gravity, Heading, Imu, Origin, Reference, Stream
+from uwgraph.types import (
+    Altitude,
+    BoolArray,
+    Depth,
+    Dvl,
+    Fixes,
+    FloatArray,
+    Gravity,
+    Heading,
+    Imu,
+    Origin,
+    Reference,
+    Stream,
+)
 
 FIRST_S: Final = 5.0
 """The air's pressure is the median of so much of the log, where it is to be that of the first samples."""
@@ -73,6 +87,10 @@ def depth(samples: Samples, mapping: DepthMapping, dive: Dive, notes: Notes) -> 
         f"({mapping.surface_pressure_pa if isinstance(mapping.surface_pressure_pa, str) else 'stated'})"
     )
     return Depth(samples.t_ns, depth_from_pressure(samples["pressure"] - air, dive.origin.lat), sigma)
+
+
+def altitude(samples: Samples, mapping: AltitudeMapping, dive: Dive, notes: Notes) -> Altitude:
+    return Altitude(samples.t_ns, samples["altitude"], _sigma("altitude", samples, notes))
 
 
 def fixes(samples: Samples, mapping: FixesMapping, dive: Dive, notes: Notes) -> Fixes:
@@ -181,6 +199,7 @@ BUILDERS: Final[Mapping[str, Builder]] = {
     "fixes": fixes,
     "reference": reference,
     "depth": depth,
+    "altitude": altitude,
     "gravity": gravity,
     "heading": heading,
 }

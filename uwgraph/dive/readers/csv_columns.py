@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from uwgraph.dive.logs.log import NOWHEN, Proposal, Topic
 from uwgraph.dive.logs.mapping import (
+    AltitudeMapping,
     DepthMapping,
     DvlMapping,
     FixesMapping,
@@ -54,6 +55,7 @@ _SINGLE: Final = {
     "yaw": (r"yaw|heading|hdg", "angle", "deg"),
     "heading": (r"heading|hdg|compass|compass_heading|mag_heading|magnetic_heading", "angle", "deg"),
     "depth": (r"depth|water_depth_of_vehicle", "length", "m"),
+    "altitude": (r"dvl_altitude|altimeter|height_above_(?:bottom|sea_?floor|ground)|range_to_bottom", "length", "m"),
     "pressure": (r"pressure|press|abs_pressure|absolute_pressure", "pressure", ""),
 }
 """Name, dimension, and the unit where none is stated (none: then it is not taken)."""
@@ -113,6 +115,8 @@ def _streams(found: Mapping[str, Any], common: Mapping[str, Any]) -> Iterator[tu
         if name in found:
             yield "depth", DepthMapping(**common, **{name: found[name]}), ""
             break
+    if "altitude" in found:
+        yield "altitude", AltitudeMapping(**common, altitude=found["altitude"]), ""
     place = {name: found[name] for name in ("lat", "lon") if name in found}
     attitude = [found[name] for name in ("roll", "pitch", "yaw") if name in found]
     if len(place) == 2 and len(attitude) == 3:

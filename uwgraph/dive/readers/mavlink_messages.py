@@ -16,6 +16,7 @@ from pydantic import ValidationError
 
 from uwgraph.dive.logs.log import Proposal, Topic
 from uwgraph.dive.logs.mapping import (
+    AltitudeMapping,
     DepthMapping,
     DvlMapping,
     FixesMapping,
@@ -79,6 +80,7 @@ _MODELS: Final[Mapping[str, type[StreamMapping]]] = {
     "imu": ImuMapping,
     "dvl": DvlMapping,
     "depth": DepthMapping,
+    "altitude": AltitudeMapping,
     "fixes": FixesMapping,
     "heading": HeadingMapping,
     "reference": ReferenceMapping,
@@ -87,6 +89,7 @@ _MODELS: Final[Mapping[str, type[StreamMapping]]] = {
 _FILTERED = "the autopilot's filter of gyro and compass: not independent of the IMU, hence one sample in 5 s"
 _OWN_SOLUTION = "the autopilot's own solution, no truth"
 _HOUSING = "if this barometer sits inside the housing there is no depth in this log"
+_BELOW = "the rangefinder is taken to look down"
 _DELTAS = "mean velocity over the time between two messages, as the DVL's driver sends it to the autopilot"
 _DEPTH = {"surface_pressure_pa": "least"}
 _HEADING = {"max_rate_hz": 0.2, "sigma": "5 [deg]"}
@@ -135,6 +138,8 @@ MAVLINK: Final[Mapping[str, tuple[Preset, ...]]] = {
     "VISION_POSITION_DELTA": (
         Preset("dvl", {"v": [f"velocity[{k}] [m/s]" for k in range(3)], "valid": "confidence [1]"}, 1, _DELTAS),
     ),
+    "RANGEFINDER": (Preset("altitude", {"altitude": "distance [m]"}, 1, _BELOW),),
+    "DISTANCE_SENSOR": (Preset("altitude", {"altitude": "current_distance [cm]"}, 0, _BELOW),),
     "GPS_RAW_INT": _gps(2, "h_acc [mm]"),
     "GPS2_RAW": _gps(1, "h_acc [mm]"),
     "GPS_INPUT": _gps(0, "horiz_accuracy [m]"),
@@ -205,6 +210,7 @@ DATAFLASH: Final[Mapping[str, tuple[Preset, ...]]] = {
     "BAR2": _onboard_pressure(2),
     "CTUN": (Preset("depth", {"height": "Alt [m]"}, -1, "the autopilot's altitude: no pressure in this log"),),
     "VISO": (Preset("dvl", {"v": _axes("Vel*", "m/s", "XYZ"), "valid": "conf [1]"}, 1, _DELTAS),),
+    "RFND": (Preset("altitude", {"altitude": "Dist [m]", "valid": "Stat [1]", "valid_above": 3.0}, 1, _BELOW),),
     "GPS": _onboard_gps(2),
     "GPS2": _onboard_gps(1),
     "ATT": _yaw("Yaw [deg]"),

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from uwgraph.dive.logs.log import Proposal, Topic
 from uwgraph.dive.logs.mapping import (
+    AltitudeMapping,
     DepthMapping,
     DvlMapping,
     FixesMapping,
@@ -47,8 +48,11 @@ _IMAGE_WORDS: Final = re.compile(r"^(?:image(?:_\w+)?|compressed|raw)$")
 
 def proposals(topic: Topic) -> tuple[Proposal, ...]:
     """What a topic could become; nothing for a type that is not known or that lacks the fields."""
-    preset = PRESETS.get(topic.type) or (_dvl if _looks_like_a_dvl(topic) else None)
-    return (preset(topic),) if preset else ()
+    if preset := PRESETS.get(topic.type):
+        return (preset(topic),)
+    if not _looks_like_a_dvl(topic):
+        return ()
+    return (_dvl(topic), _dvl_altitude(topic)) if "altitude" in topic.fields else (_dvl(topic),)
 
 
 def is_known(type_name: str) -> bool:
@@ -150,6 +154,16 @@ def _dvl(topic: Topic) -> Proposal:
     return Proposal("dvl", _mapping(DvlMapping, topic, **fields), rank=1, note=note)
 
 
+def _dvl_altitude(topic: Topic) -> Proposal:
+    fields = {"valid": valid} if (valid := _first(topic, "velocity_valid", "valid")) else {}
+    return Proposal("altitude", _mapping(AltitudeMapping, topic, altitude="altitude [m]", **fields), rank=1)
+
+
+def _range(topic: Topic) -> Proposal:
+    note = "taken as the distance to the bottom, straight down"
+    return Proposal("altitude", _mapping(AltitudeMapping, topic, altitude="range [m]"), note=note)
+
+
 def _images(topic: Topic, *, rank: int) -> Proposal:
     words = [word for word in topic.name.split("/") if word and not _IMAGE_WORDS.match(word)]
     camera = re.sub(r"[^\w.-]+", "_", "_".join(words)).strip("_.-")[:MAX_NAME] or "camera"
@@ -171,6 +185,7 @@ def _looks_like_a_dvl(topic: Topic) -> bool:
 PRESETS: Final[Mapping[str, Preset]] = {
     "sensor_msgs/msg/Imu": _imu,
     "sensor_msgs/msg/FluidPressure": _pressure,
+    "sensor_msgs/msg/Range": _range,
     "sensor_msgs/msg/NavSatFix": _nav_sat_fix,
     "sensor_msgs/msg/MagneticField": _magnetic_field,
     "sensor_msgs/msg/Image": partial(_images, rank=1),
