@@ -24,6 +24,7 @@ from uwgraph.dive.layout import depth_from_pressure
 from uwgraph.dive.rig import DvlRig
 from uwgraph.errors import DataError
 from uwgraph.types import (
+    Altitude,
     Depth,
     Dvl,
     Fixes,
@@ -33,13 +34,32 @@ from uwgraph.types import (
     Imu,
     Origin,
     Reference,
+    RelativePoses,
     Stream,
     Sun,
     stream_fields,
 )
 
 START = 1_654_646_400_000_000_000
-EVERY_STREAM = ("imu", "dvl", "depth", "fixes", "heading", "sun", "gravity", "reference")
+EVERY_STREAM = (
+    *("imu", "dvl", "depth", "fixes", "heading", "sun", "gravity", "altitude", "odometry", "closures", "reference"),
+)
+
+
+def relative_poses(rng: np.random.Generator, t: np.ndarray) -> RelativePoses:
+    n = len(t)
+    factor = rng.normal(size=(n, 6, 6))
+    cov = factor @ factor.swapaxes(1, 2)
+    return RelativePoses(
+        t,
+        from_ns=t - rng.integers(1, 10**9, n),
+        p=rng.normal(size=(n, 3)),
+        rotvec=rng.uniform(-1, 1, (n, 3)),
+        cov=0.5 * (cov + cov.swapaxes(1, 2)),
+        accepted=rng.random(n) < 0.5,
+        reason=np.array(["", "plane", "12 matches, fewer than 20"])[rng.integers(0, 3, n)],
+        inliers=rng.integers(0, 500, n),
+    )
 
 
 def full_dive(seed: int = 0, n: int = 40) -> Dive:
@@ -79,6 +99,9 @@ def full_dive(seed: int = 0, n: int = 40) -> Dive:
             flags=rng.integers(0, 8, n),
         ),
         gravity=Gravity(t, rng.normal(0, 1e-4, n), np.full(n, 1e-5), "anomaly"),
+        altitude=Altitude(t, rng.uniform(1, 9, n), np.where(unknown, np.nan, 0.05)),
+        odometry=relative_poses(rng, t),
+        closures=relative_poses(rng, np.repeat(t[::2], 2)[:n]),
         reference=Reference(
             t,
             *(0.57 + 1e-6 * rng.normal(size=n), 0.61 + 1e-6 * rng.normal(size=n)),
@@ -90,7 +113,7 @@ def full_dive(seed: int = 0, n: int = 40) -> Dive:
     )
 
 
-ANGLES = {"lat", "lon", "rph", "heading"}
+ANGLES = {"lat", "lon", "rph", "heading", "rotvec"}
 
 
 def assert_same(a: Stream, b: Stream) -> None:

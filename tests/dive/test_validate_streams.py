@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from uwgraph.dive import Dive
 from uwgraph.dive.validate import LATEST_NS, validate_dive, validate_stream
 from uwgraph.errors import DataError
-from uwgraph.types import Depth, Dvl, Fixes, Imu, Origin, Sun
+from uwgraph.types import Altitude, Depth, Dvl, Fixes, Imu, Origin, RelativePoses, Sun
 
 START = 1_654_646_400_000_000_000
 T = START + np.arange(4) * 10**8
@@ -114,3 +114,31 @@ def test_a_dive_names_the_stream() -> None:
     with pytest.raises(DataError, match="upside down") as caught:
         validate_dive(Dive(Origin(0, 0), imu=upside_down), "SRC")
     assert caught.value.where.startswith("SRC/imu")
+
+
+def relative_poses() -> RelativePoses:
+    none = np.zeros((4, 3))
+    cov = np.tile(np.eye(6), (4, 1, 1))
+    return RelativePoses(T, T - 10**9, none, none, cov, np.ones(4, bool), np.full(4, "plane"), np.full(4, 30))
+
+
+def test_relative_poses() -> None:
+    poses = relative_poses()
+    validate_stream("odometry", poses, "FILE")
+    refused("closures", replace(poses, from_ns=T), "row 1", "FILE: from_ns")
+    refused("closures", replace(poses, rotvec=np.tile([3.0, 1.0, 1.0], (4, 1))), "half a turn")
+    refused("closures", replace(poses, cov=np.zeros((4, 6, 6))), "variance of zero")
+    refused("closures", replace(poses, cov=poses.cov[:, :3, :3]), "(4, 6, 6) is needed")
+
+
+@pytest.mark.parametrize(("i", "j", "column"), [(0, 0, "rxrx"), (0, 5, "rxpz"), (4, 2, "rzpy"), (5, 5, "pzpz")])
+def test_a_fault_in_a_covariance_of_poses_is_named_by_its_column(i: int, j: int, column: str) -> None:
+    cov = relative_poses().cov.copy()
+    cov[2, i, j] = np.nan
+    refused("odometry", replace(relative_poses(), cov=cov), f"FILE: cov_{column}", "row 3")
+
+
+def test_altitudes() -> None:
+    validate_stream("altitude", Altitude(T, np.ones(4), np.full(4, np.nan)), "FILE")
+    refused("altitude", Altitude(T, np.array([1.0, 0.0, 1.0, 1.0]), np.ones(4)), "row 2", "FILE: altitude")
+    refused("altitude", Altitude(T, np.ones(4), np.zeros(4)), "FILE: sigma")

@@ -5,13 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from uwgraph.camera.refraction import refract, refract_jacobian
+from uwgraph.camera.refraction import refract, refract_jacobian, refractive_index
 from uwgraph.sun.surface import (
     fresnel_amplitudes,
     in_window,
     path_transmittance,
     radiance_factor,
-    refractive_index,
     to_air,
     to_water,
     transmission_mueller,

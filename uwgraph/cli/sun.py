@@ -333,7 +333,7 @@ def _view(
 
 def _index(medium: str, n: float | None) -> float:
     """Refractive index of the medium; sea water of 35, 15 degrees and 530 nm where it is not given."""
-    from uwgraph.sun.surface import refractive_index
+    from uwgraph.camera.refraction import refractive_index
 
     if medium == "air":
         if n is not None:

@@ -82,26 +82,3 @@ def path_transmittance(cos_water: ArrayLike, depth: float, attenuation: float) -
     """exp(-k z / cos) along the slant path from the surface to ``depth`` [m], ``attenuation`` k in 1/m."""
     t: FloatArray = np.exp(-attenuation * depth / np.asarray(cos_water, dtype=np.float64))
     return t
-
-
-def refractive_index(salinity: float = 35.0, temperature_c: float = 15.0, wavelength_nm: float = 530.0) -> float:
-    """Refractive index of sea water against air, 400 to 700 nm (Quan & Fry, Appl. Opt. 34, 3477, 1995, eq. 3).
-
-    Parameters
-    ----------
-    salinity : float
-        Practical salinity, 0 to 40.
-    temperature_c : float
-        Degrees Celsius, 0 to 30.
-    wavelength_nm : float
-        In vacuum, nanometres.
-    """
-    S, T, lam = salinity, temperature_c, wavelength_nm
-    return (
-        1.31405
-        + (1.779e-4 - 1.05e-6 * T + 1.6e-8 * T * T) * S
-        - 2.02e-6 * T * T
-        + (15.868 + 0.01155 * S - 0.00423 * T) / lam
-        - 4382.0 / lam**2
-        + 1.1455e6 / lam**3
-    )
