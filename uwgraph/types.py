@@ -200,6 +200,24 @@ NOT_MEASURED = 1e6
 
 
 @dataclass(frozen=True, eq=False)
+class ClosureVerdicts(Stream):
+    """What smoothing decided about every closure."""
+
+    from_ns: TimeArray
+    """The earlier moment, shape (N,)."""
+    accepted: BoolArray
+    """Whether the solution rests on it, shape (N,)."""
+    reason: StrArray
+    """Why, in words, shape (N,)."""
+    weight: FloatArray
+    """What its information was multiplied by in the end, 0 to 1, shape (N,)."""
+    chi2_odometry: FloatArray
+    """Squared Mahalanobis distance from what the dive says without closures, shape (N,); NaN where not computed."""
+    chi2: FloatArray
+    """Squared Mahalanobis distance from the final trajectory, its covariance left out; NaN where not computed."""
+
+
+@dataclass(frozen=True, eq=False)
 class Reference(Stream):
     """Somebody else's solution or the simulator's truth; NaN where a quantity is not known."""
 
@@ -253,6 +271,8 @@ class Solution:
     """Shape (K, 6, 6), accelerometer then gyro (GTSAM's order)."""
     calibration: Mapping[str, Any] = field(default_factory=dict)
     """Quantities estimated once for the whole dive, with their 1-sigma."""
+    closures: ClosureVerdicts | None = None
+    """What was decided about every closure; None where there were none, or they were not asked for."""
     info: Mapping[str, Any] = field(default_factory=dict)
     """Iterations, errors, times, counts of measurements: what ``run.log`` tells."""
 
