@@ -16,10 +16,11 @@ from uwgraph.frames import R_n_local, geodetic_from_ned, gravity_n, rph_from_mat
 from uwgraph.graph import moving
 from uwgraph.graph.initial import Initial
 from uwgraph.graph.prepare import BodyImu, Prepared
+from uwgraph.graph.relative import closures_at_keyframes, odometry_at_keyframes
 from uwgraph.graph.settings import SmoothSettings
 from uwgraph.graph.track import Track
 from uwgraph.sun.ephemeris import sun_direction_n
-from uwgraph.types import FloatArray, TimeArray
+from uwgraph.types import FloatArray, RelativePoses, TimeArray
 
 DVL_CALIBRATION = gtsam.symbol("c", 0)
 Timed = tuple[list[gtsam.NonlinearFactor], TimeArray]
@@ -52,6 +53,13 @@ class Problem:
                 linear.push_back(factor)
         return linear
 
+    def plus(self, kind: str, new: Sequence[gtsam.NonlinearFactor], values: gtsam.Values) -> Problem:
+        """The problem with native factors of one more kind at the end of its graph, and another first guess."""
+        graph = gtsam.NonlinearFactorGraph(self.graph)
+        for factor in new:
+            graph.push_back(factor)
+        return replace(self, graph=graph, values=values, counts={**self.counts, kind: len(new)})
+
     def ordering(self, linear: gtsam.GaussianFactorGraph) -> gtsam.Ordering:
         """COLAMD with the quantities of the whole dive last: everything is connected to them."""
         if not self.values.exists(DVL_CALIBRATION):
@@ -78,9 +86,17 @@ class Place:
 
 
 def build(
-    prepared: Prepared, settings: SmoothSettings, initial: Initial, keyframes: TimeArray, track: Track
+    prepared: Prepared,
+    settings: SmoothSettings,
+    initial: Initial,
+    keyframes: TimeArray,
+    track: Track,
+    closures: RelativePoses | None = None,
 ) -> Problem:
-    """The graph of a prepared dive, with ``track`` as the first guess and the place of linearisation."""
+    """The graph of a prepared dive, with ``track`` as the first guess and the place of linearisation.
+
+    ``closures`` are believed as they are: those that were accepted.
+    """
     place = _places(prepared, keyframes, track)
     loss = Losses(settings)
     graph = gtsam.NonlinearFactorGraph()
@@ -103,6 +119,10 @@ def build(
     add("fixes", *_fixes(prepared, keyframes, track, loss))
     add("heading", *_heading(prepared, keyframes, track, place, loss))
     add("sun", *_sun(prepared, keyframes, track, place, loss))
+    if settings.odometry and prepared.odometry is not None:
+        add("odometry", odometry_at_keyframes(prepared.odometry, keyframes, track).factors(loss=loss(6)))
+    if closures is not None:
+        add("closures", closures_at_keyframes(closures, keyframes, track).factors())
     values = _first_guess(keyframes, track, place)
     for block in bulk:
         counts["dvl"] = len(block)

@@ -1,6 +1,7 @@
 """When the states are: a keyframe at least every period and every turn, on DVL pings where there are any.
 
-A displacement between two pings needs no velocity that nobody measured, so keyframes are moved to the nearest ping.
+A displacement between two pings needs no velocity that nobody measured, so keyframes are moved to the nearest ping, or
+where there is no DVL to the nearest image of visual odometry.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ def schedule(prepared: Prepared, settings: SmoothSettings, start_ns: int, end_ns
     grid = _split_turns(prepared, grid, np.radians(settings.keyframe_turn_deg))
     if prepared.dvl is not None:
         grid = _snap(grid, prepared.dvl.t_ns)
+    elif settings.odometry and prepared.odometry is not None:
+        grid = _snap(grid, np.unique(prepared.odometry.t_ns))
     return grid
 
 

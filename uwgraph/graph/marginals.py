@@ -42,7 +42,7 @@ def marginal_covariances(bayes_net: gtsam.GaussianBayesNet) -> Mapping[int, Floa
     for conditional in reversed(conditionals):
         keys = conditional.keys()
         key, parents = keys[0], keys[1:]
-        R_inv = _inverse(conditional)
+        R_inv = inverse_root(conditional)
         d = len(R_inv)
         if not parents:
             joint = R_inv @ R_inv.T
@@ -65,7 +65,7 @@ def marginal_covariances(bayes_net: gtsam.GaussianBayesNet) -> Mapping[int, Floa
     return marginals
 
 
-def _inverse(conditional: gtsam.GaussianConditional) -> FloatArray:
+def inverse_root(conditional: gtsam.GaussianConditional) -> FloatArray:
     """R^-1 of the conditional, whitened where QR left a noise model."""
     R = conditional.R()
     model = conditional.get_model()

@@ -17,7 +17,7 @@ from uwgraph.dive.checks.presence import too_slow
 from uwgraph.errors import DataError
 from uwgraph.frames import earth_rate_n
 from uwgraph.graph.rest import Rest, rest_at_start
-from uwgraph.types import Depth, Fixes, FloatArray, Heading, Imu, Origin, Reference, Sun, TimeArray
+from uwgraph.types import Depth, Fixes, FloatArray, Heading, Imu, Origin, Reference, RelativePoses, Sun, TimeArray
 
 S = TypeVar("S", Sun, Reference, Depth, Fixes, Heading)
 W = TypeVar("W", Depth, Heading)
@@ -81,6 +81,10 @@ class Prepared:
     heading: Heading | None
     sun: Sun | None
     reference: Reference | None
+    odometry: RelativePoses | None = None
+    """Verified steps only."""
+    closures: RelativePoses | None = None
+    """All of them, also those beyond the IMU's span."""
 
     @property
     def origin(self) -> Origin:
@@ -120,6 +124,8 @@ def prepare(dive: Dive) -> Prepared:
         heading=_inside(_heading(dive), span),
         sun=_inside(_sun(dive), span),
         reference=_inside(_shifted(dive.reference, rig.reference.time_offset_ns), span),
+        odometry=_verified(_seen(dive.odometry, rig.visual.time_offset_ns)),
+        closures=_seen(dive.closures, rig.visual.time_offset_ns),
     )
 
 
@@ -190,6 +196,16 @@ def _sun(dive: Dive) -> Sun | None:
     if sun is None or not any(dive.rig.sun.rotation_deg):
         return sun
     return replace(sun, information_b=R @ sun.information_b @ R.T, s_b=sun.s_b @ R.T, cov_b=R @ sun.cov_b @ R.T)
+
+
+def _seen(stream: RelativePoses | None, offset_ns: int) -> RelativePoses | None:
+    return None if stream is None else replace(stream, t_ns=stream.t_ns + offset_ns, from_ns=stream.from_ns + offset_ns)
+
+
+def _verified(stream: RelativePoses | None) -> RelativePoses | None:
+    if stream is None or not stream.accepted.any():
+        return None
+    return stream.select(stream.accepted)
 
 
 def _inside(stream: S | None, span: tuple[int, int]) -> S | None:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
+
+from pydantic import Field
 
 from uwgraph.dive.rig import NonNegative, Positive, Settings
+
+Quantile = Annotated[float, Field(gt=0.5, lt=1.0)]
 
 
 class SmoothSettings(Settings):
@@ -26,8 +30,20 @@ class SmoothSettings(Settings):
     """1-sigma of the reference's first attitude."""
     dvl_calibration: bool = True
     """Estimate scale and misalignment of the DVL, with the rig's sigmas as the prior."""
+    odometry: bool = True
+    """Use the dive's visual odometry."""
+    closures: bool = True
+    """Use the dive's closures, as far as they agree with the odometry and with each other."""
+    closure_gate: Quantile = 0.9999
+    """Share of true closures that agree with what the dive says without closures."""
+    closure_pairs: Quantile = 0.9999
+    """Share of pairs of true closures that agree with each other."""
+    max_closures: Annotated[int, Field(ge=1)] = 600
+    """Of more closures, so many evenly spaced ones are judged: their joint covariance takes memory."""
+    closure_inliers: Quantile = 0.999
+    """Share of true closures that fit the final trajectory."""
     loss: Literal["huber", "cauchy", "none"] = "huber"
-    """Robust loss on DVL, fixes, heading and sun."""
+    """Robust loss on DVL, fixes, heading, sun and visual odometry."""
     loss_width: Positive = 2.0
     """Where the loss bends, in sigmas."""
     max_iterations: int = 30

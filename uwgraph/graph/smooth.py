@@ -15,6 +15,7 @@ from gtsam.symbol_shorthand import B, V, X
 from uwgraph.dive import Dive
 from uwgraph.errors import SolveError
 from uwgraph.graph.builder import DVL_CALIBRATION, Problem, build
+from uwgraph.graph.closures import close_loops
 from uwgraph.graph.diagnose import diagnose
 from uwgraph.graph.initial import Initial, initial_state
 from uwgraph.graph.keyframes import schedule
@@ -23,7 +24,7 @@ from uwgraph.graph.prepare import Prepared, prepare
 from uwgraph.graph.settings import SmoothSettings
 from uwgraph.graph.solver import Solved, solve
 from uwgraph.graph.track import Track, dead_reckon
-from uwgraph.types import FloatArray, Solution, TimeArray
+from uwgraph.types import FloatArray, RelativePoses, Solution, TimeArray
 
 Progress = Callable[[str, float], None]
 """Called with the name of the stage and how far it is, 0 to 1."""
@@ -91,15 +92,50 @@ def solve_dive(dive: Dive, settings: SmoothSettings, tell: Progress, guess: Solu
         track = dead_reckon(prepared, initial.t_ns, initial.R_nb, initial.p_n, initial.cov_rotation_b)
     else:
         track = _track(prepared, guess)
-    for _ in range(MAX_ROUNDS):
-        tell("building the graph", 0.0)
-        problem = build(prepared, settings, initial, keyframes, track)
-        solved = _solve(problem, settings, tell)
-        solution = _solution(prepared, keyframes, solved.values)
-        if not _moved(track, solution):
-            break
-        track = _track(prepared, solution)
-    return Smoothed(prepared, initial, problem, solved, solution)
+    rounds = _Rounds(prepared, settings, initial, keyframes, tell)
+    smoothed = rounds.settle(track)
+    if settings.closures and prepared.closures is not None:
+        smoothed = rounds.close(smoothed, prepared.closures)
+    return smoothed
+
+
+@dataclass(frozen=True, eq=False)
+class _Rounds:
+    """Build and solve, until the track that the graph is linearised about is where the solution is."""
+
+    prepared: Prepared
+    settings: SmoothSettings
+    initial: Initial
+    keyframes: TimeArray
+    tell: Progress
+
+    def settle(self, track: Track, closures: RelativePoses | None = None) -> Smoothed:
+        """The solution from a first track on, with closures that are believed as they are."""
+        for _ in range(MAX_ROUNDS):
+            self.tell("building the graph", 0.0)
+            problem = build(self.prepared, self.settings, self.initial, self.keyframes, track, closures)
+            smoothed = self._smoothed(problem, _solve(problem, self.settings, self.tell))
+            if not _moved(track, smoothed.solution):
+                break
+            track = smoothed.track
+        return smoothed
+
+    def close(self, before: Smoothed, closures: RelativePoses) -> Smoothed:
+        """The solution with those closures that can be believed."""
+
+        def solve(problem: Problem) -> Solved:
+            return _solve(problem, self.settings, self.tell)
+
+        self.tell("judging closures", 0.0)
+        closed = close_loops(before.problem, before.solved, before.track, closures, self.settings, solve)
+        after = self._smoothed(closed.problem, closed.solved)
+        if _moved(before.track, after.solution):
+            after = self.settle(after.track, closures.select(closed.verdicts.accepted))
+        return replace(after, solution=replace(after.solution, closures=closed.verdicts))
+
+    def _smoothed(self, problem: Problem, solved: Solved) -> Smoothed:
+        solution = _solution(self.prepared, self.keyframes, solved.values)
+        return Smoothed(self.prepared, self.initial, problem, solved, solution)
 
 
 def _solve(problem: Problem, settings: SmoothSettings, tell: Progress) -> Solved:
