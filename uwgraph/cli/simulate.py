@@ -38,6 +38,8 @@ class Added(StrEnum):
     fixes = "fixes"
     sun = "sun"
     sun_heading = "sun-heading"
+    closures = "closures"
+    odometry = "odometry"
 
 
 def simulate(
@@ -130,6 +132,8 @@ def _added(
         Added.fixes: lambda d: room.add_fixes(d, seed=seed),
         Added.sun: lambda d: room.add_sun(d, seed=seed),
         Added.sun_heading: lambda d: room.add_sun_heading(d, seed=seed),
+        Added.closures: lambda d: room.add_closures(d, seed=seed),
+        Added.odometry: lambda d: room.add_odometry(d, seed=seed),
     }
     for name in add:
         dive = adders[name](dive)

@@ -1,7 +1,17 @@
 """Simulated dives, and simulated sensors on real ones."""
 
 from uwgraph.simulate.begin import begin_at
-from uwgraph.simulate.degrade import add_depth, add_dvl, add_fixes, add_sun, add_sun_heading, degrade_imu
+from uwgraph.simulate.closures import ClosureModel, OdometryModel
+from uwgraph.simulate.degrade import (
+    add_closures,
+    add_depth,
+    add_dvl,
+    add_fixes,
+    add_odometry,
+    add_sun,
+    add_sun_heading,
+    degrade_imu,
+)
 from uwgraph.simulate.dive import SimulationSettings, simulate, trajectory_of, truth
 from uwgraph.simulate.floor import FLOOR_CAMERA, add_floor_images, terrain_of
 from uwgraph.simulate.floor_model import EchoSounder, FloorModel, Ground, Lamp, Murk
@@ -16,6 +26,7 @@ __all__ = [
     "FLOOR_CAMERA",
     "GRADES",
     "SKY_CAMERA",
+    "ClosureModel",
     "DepthModel",
     "DvlModel",
     "EchoSounder",
@@ -28,15 +39,18 @@ __all__ = [
     "Lamp",
     "Murk",
     "OccluderSettings",
+    "OdometryModel",
     "Scene",
     "Shot",
     "SimulationSettings",
     "SunModel",
     "Terrain",
+    "add_closures",
     "add_depth",
     "add_dvl",
     "add_fixes",
     "add_floor_images",
+    "add_odometry",
     "add_sun",
     "add_sun_heading",
     "add_sun_images",

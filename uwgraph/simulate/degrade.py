@@ -14,6 +14,7 @@ import numpy as np
 from uwgraph.dive import Dive
 from uwgraph.dive.rig import HeadingRig
 from uwgraph.errors import DataError
+from uwgraph.simulate.closures import ClosureModel, OdometryModel, measure_closures, measure_odometry
 from uwgraph.simulate.imu import GradeName, ImuGrade, add_noise, grade_of, imu_errors, with_errors
 from uwgraph.simulate.noise import Noise
 from uwgraph.simulate.replay import ReferenceMotion
@@ -111,16 +112,31 @@ def add_fixes(dive: Dive, model: GnssModel | None = None, seed: int = 0) -> Dive
     return _with(dive, "fixes", fixes, model.rig, _from_reference("position at the surface", seed))
 
 
+def add_closures(dive: Dive, model: ClosureModel | None = None, seed: int = 0) -> Dive:
+    """The dive with places seen again, some falsely if the model says so; a DataError where it never comes back."""
+    model = model or ClosureModel()
+    closures = measure_closures(ReferenceMotion.of(dive), model, Noise.of(seed, "closures"))
+    how = _from_reference(f"places seen again, {model.false_share:.0%} of them false,", seed)
+    return _with(dive, "closures", closures, model.rig, how, rig_name="visual")
+
+
+def add_odometry(dive: Dive, model: OdometryModel | None = None, seed: int = 0) -> Dive:
+    """The dive with visual odometry."""
+    model = model or OdometryModel()
+    odometry = measure_odometry(ReferenceMotion.of(dive), model, Noise.of(seed, "odometry"))
+    return _with(dive, "odometry", odometry, model.rig, _from_reference("visual odometry", seed), rig_name="visual")
+
+
 def _from_reference(what: str, seed: int) -> str:
     return f"{what} from the reference with the rig's noise, seed {seed}"
 
 
-def _with(dive: Dive, name: str, stream: Any, rig: Any, how: str) -> Dive:
+def _with(dive: Dive, name: str, stream: Any, rig: Any, how: str, rig_name: str | None = None) -> Dive:
     """The dive with one stream and its rig entry replaced, and the provenance saying so."""
     simulated = {**dive.provenance.get("simulated", {}), name: f"simulated: {how}"}
     return replace(
         dive,
-        rig=dive.rig.model_copy(update={name: rig}),
+        rig=dive.rig.model_copy(update={rig_name or name: rig}),
         provenance={**dive.provenance, "simulated": simulated},
         **{name: stream},
     )
