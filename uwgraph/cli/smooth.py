@@ -83,8 +83,16 @@ def smooth(
         print_json(figures | {"output": str(out)})
     else:
         print_metrics(figures, str(dive))
+        _tell_closures(figures)
         _tell_sigma(figures)
         note(f"results in {out}")
+
+
+def _tell_closures(figures: Mapping[str, Any]) -> None:
+    """How many places seen again the solution rests on."""
+    if "closures_accepted" in figures:
+        accepted, rejected = figures["closures_accepted"], figures["closures_rejected"]
+        note(f"closures: {accepted} accepted, {rejected} rejected; closures.parquet says why")
 
 
 def _tell_sigma(figures: Mapping[str, Any]) -> None:

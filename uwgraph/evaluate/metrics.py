@@ -70,6 +70,9 @@ def metrics(solution: Solution, reference: Reference | None = None, alignment: A
         "runtime_s": solution.info.get("runtime_s"),
         "sigma": sigma_summary(people(solution)),
     }
+    if solution.closures is not None:
+        accepted = int(solution.closures.accepted.sum())
+        report |= {"closures_accepted": accepted, "closures_rejected": len(solution.closures) - accepted}
     if reference is not None and len(reference):
         report |= error_metrics(compare(solution, reference, alignment))
     return report

@@ -1,4 +1,4 @@
-"""The folder that a solved dive leaves: trajectory, states, metrics, configuration and log."""
+"""The folder that a solved dive leaves: trajectory, states, verdicts on closures, metrics, configuration and log."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ import yaml
 
 from uwgraph.atomic import atomic_folder
 from uwgraph.errors import ConfigError
-from uwgraph.evaluate.table import solution_table, trajectory_tum
+from uwgraph.evaluate.table import closures_table, solution_table, trajectory_tum
 from uwgraph.types import Solution
 
 FILES: Final = ("trajectory.tum", "solution.parquet", "metrics.json", "config.yaml", "run.log")
-"""Every output folder holds these, and may hold pictures beside them."""
+"""Every output folder holds these, and may hold ``closures.parquet`` and pictures beside them."""
 
 
 def write_solution(
@@ -57,6 +57,8 @@ def write_solution(
         (folder / "metrics.json").write_text(metrics_json(metrics), encoding="utf-8")
         (folder / "config.yaml").write_text(yaml.safe_dump(dict(config), sort_keys=False), encoding="utf-8")
         (folder / "run.log").write_text(log, encoding="utf-8")
+        if solution.closures is not None:
+            pq.write_table(closures_table(solution.closures), folder / "closures.parquet")
         if extras is not None:
             extras(folder)
 

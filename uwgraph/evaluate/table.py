@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from uwgraph.evaluate.people import people, sigmas
 from uwgraph.time import NS
-from uwgraph.types import FloatArray, Solution, TimeArray
+from uwgraph.types import ClosureVerdicts, FloatArray, Solution, TimeArray, stream_fields
 
 
 def solution_table(solution: Solution) -> pa.Table:
@@ -39,6 +39,11 @@ def solution_table(solution: Solution) -> pa.Table:
         "cov_east_down": cov_p[:, 1, 2],
     }
     return pa.table({"t_ns": solution.t_ns} | columns)
+
+
+def closures_table(verdicts: ClosureVerdicts) -> pa.Table:
+    """What was decided about every closure, a column for every field of :class:`uwgraph.types.ClosureVerdicts`."""
+    return pa.table(dict(stream_fields(verdicts)))
 
 
 def trajectory_tum(solution: Solution) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -75,7 +76,7 @@ def smooth(dive: Dive, settings: SmoothSettings | None = None, progress: Progres
         if not all(np.isfinite(c).all() for c in (solution.cov_pose, solution.cov_v, solution.cov_bias)):
             raise _unsolvable(problem, "the covariance is not finite: the graph has no unique solution")
     tell("done", 1.0)
-    info = _info(problem, solved, found.initial, time.monotonic() - started)
+    info = _info(found, time.monotonic() - started)
     return replace(solution, info=info)
 
 
@@ -230,12 +231,14 @@ def _moved(track: Track, solution: Solution) -> bool:
     return bool(apart > MOVED_M or turned > MOVED_RAD)
 
 
-def _info(problem: Problem, solved: Solved, initial: Initial, seconds: float) -> Mapping[str, Any]:
+def _info(found: Smoothed, seconds: float) -> Mapping[str, Any]:
+    solved, verdicts = found.solved, found.solution.closures
     return {
         "runtime_s": seconds,
-        "keyframes": len(problem.keyframes),
-        "factors": dict(problem.counts),
-        "initial": initial.source,
+        "keyframes": len(found.problem.keyframes),
+        "factors": dict(found.problem.counts),
+        **({} if verdicts is None else {"closures": dict(Counter(verdicts.reason.tolist()))}),
+        "initial": found.initial.source,
         "converged": solved.converged,
         "stopped_because": solved.why,
         "iterations": [asdict(i) for i in solved.trace],
