@@ -27,7 +27,12 @@ EXAMPLES = """Examples:
 
 [bold]uwgraph simulate dives/v102 --on logs/euroc --add dvl --add depth[/bold]
 
-[bold]uwgraph simulate dives/seen --images polarization --image-rate 0.1 --image-depth 5 --wind 3[/bold]"""
+[bold]uwgraph simulate dives/seen --images polarization --image-rate 0.1 --image-depth 5 --wind 3[/bold]
+
+[bold]uwgraph simulate dives/reef --pattern patrol --duration 900 --floor --floor-photos photos --stereo 0.2[/bold]"""
+
+FLOOR_SPEED = 0.7
+"""m/s, over a floor where no speed is asked for: pictures at 1 Hz then overlap by three quarters."""
 
 
 class Added(StrEnum):
@@ -71,6 +76,24 @@ def simulate(
         float | None, typer.Option(metavar="M", help="Take all images at this depth, not at that of the dive.")
     ] = None,
     wind: Annotated[float | None, typer.Option(metavar="M/S", help="Wind over the sea in the images (3).")] = None,
+    floor: Annotated[
+        bool, typer.Option("--floor", help="Put a sea floor under the dive: pictures of it, and the altitude.")
+    ] = False,
+    floor_photos: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Photographs of a real floor, whose texture is used.")
+    ] = None,
+    floor_rate: Annotated[
+        float | None, typer.Option(metavar="HZ", help="Pictures of the floor per second (1).")
+    ] = None,
+    floor_altitude: Annotated[
+        float | None, typer.Option(metavar="M", help="Of the deepest moment over the floor, metres (3).")
+    ] = None,
+    stereo: Annotated[
+        float | None, typer.Option(metavar="M", help="A second camera so far to the right, metres.")
+    ] = None,
+    floor_settings: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="YAML file of the floor, its water, lamps and recording.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="The same seed gives the same dive.")] = 0,
     settings: Annotated[
         Path | None, typer.Option(metavar="FILE", help="YAML file of settings; options above win over it.")
@@ -82,13 +105,17 @@ def simulate(
     seen = {"rate_hz": image_rate, "depth": image_depth, "wind": wind}
     if images is None and any(value is not None for value in seen.values()):
         raise ConfigError("--image-rate, --image-depth and --wind go with --images", where="--images")
+    below = {"rate_hz": floor_rate, "altitude": floor_altitude, "stereo_baseline_m": stereo}
+    if not floor and any(value is not None for value in (floor_photos, floor_settings, *below.values())):
+        raise ConfigError("--floor-..., and --stereo, go with --floor", where="--floor")
     _refuse_taken(dest, force)
-    with progress_bar() as progress, _room_for_images(dest, images is not None) as folder:
+    pictured = images is not None or floor
+    with progress_bar() as progress, _room_for_images(dest, pictured) as folder:
         progress("simulating", 0.1)
         if on is None:
             if add or at is not None:
                 raise ConfigError("--add and --at need a dive", where="--add, --at", remedy="name it with --on DIVE")
-            dive = _made(asked, settings, no_sun, seed)
+            dive = _made(asked, settings, no_sun, seed, FLOOR_SPEED if floor else None)
         else:
             if (
                 settings is not None
@@ -97,21 +124,29 @@ def simulate(
             ):
                 raise ConfigError("of a mission's options only --grade goes with --on", where="--on")
             dive = _added(on, at, grade, add or [], seed)
+        if pictured:
+            _link_images(dive, on or folder, folder)
         if images is not None:
-            dive = _photographed(dive, on, folder, {"kind": images, **seen}, seed, progress)
+            dive = _with_sky(dive, folder, {"kind": images, **seen}, seed, progress)
+        if floor:
+            dive = _with_floor(dive, folder, floor_photos, floor_settings, below, seed, progress)
         progress("writing", 0.9)
-        _write(dive, dest, folder if images is not None else on, force)
+        _write(dive, dest, folder if pictured else on, force)
     made = [*dive.streams(), *((f"images/{name}", stream) for name, stream in dive.images.items())]
     note(f"{dest}: " + ", ".join(f"{name} {len(stream)}" for name, stream in made))
 
 
-def _made(asked: dict[str, Any], settings: Path | None, no_sun: bool, seed: int) -> Dive:
+def _made(asked: dict[str, Any], settings: Path | None, no_sun: bool, seed: int, speed: float | None) -> Dive:
+    """A mission; at ``speed`` where that is given and none is asked for."""
     from uwgraph.cli.options import settings_from
     from uwgraph.simulate import SimulationSettings
     from uwgraph.simulate import simulate as simulate_dive
 
     wanted = settings_from(SimulationSettings, settings, asked)
-    return simulate_dive(wanted.model_copy(update={"sun": None}) if no_sun else wanted, seed)
+    changes: dict[str, Any] = {"sun": None} if no_sun else {}
+    if speed is not None and "speed" not in wanted.model_fields_set:
+        changes["speed"] = speed
+    return simulate_dive(wanted.model_copy(update=changes), seed)
 
 
 def _added(
@@ -140,18 +175,19 @@ def _added(
     return dive
 
 
-def _photographed(
-    dive: Dive, source: Path | None, folder: Path, asked: dict[str, Any], seed: int, progress: Progress
-) -> Dive:
-    """The dive with rendered images, whose files are in ``folder`` beside those that it had."""
+def _link_images(dive: Dive, source: Path, folder: Path) -> None:
+    """Put the images that the dive has beside those that are to come."""
+    (folder / "images").mkdir()
+    for camera in dive.images:
+        (folder / "images" / camera).symlink_to(source.resolve() / "images" / camera)
+
+
+def _with_sky(dive: Dive, folder: Path, asked: dict[str, Any], seed: int, progress: Progress) -> Dive:
     from uwgraph.cli.options import settings_from
     from uwgraph.simulate import ImageModel, Scene, add_sun_images
 
     scene = settings_from(Scene, None, {"wind": asked.pop("wind")})
     model = settings_from(ImageModel, None, asked)
-    (folder / "images").mkdir()
-    for camera in dive.images:
-        (folder / "images" / camera).symlink_to((source or folder).resolve() / "images" / camera)
     return add_sun_images(
         dive,
         folder,
@@ -159,6 +195,28 @@ def _photographed(
         model=model,
         seed=seed,
         progress=lambda share: progress("rendering images", 0.1 + 0.8 * share),
+    )
+
+
+def _with_floor(
+    dive: Dive,
+    folder: Path,
+    photos: Path | None,
+    settings: Path | None,
+    asked: dict[str, Any],
+    seed: int,
+    progress: Progress,
+) -> Dive:
+    from uwgraph.cli.options import settings_from
+    from uwgraph.simulate import FloorModel, add_floor_images
+
+    return add_floor_images(
+        dive,
+        folder,
+        photos=photos,
+        model=settings_from(FloorModel, settings, asked),
+        seed=seed,
+        progress=lambda share: progress("rendering the floor", 0.1 + 0.8 * share),
     )
 
 

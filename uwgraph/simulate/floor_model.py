@@ -80,8 +80,8 @@ class FloorModel(Settings):
     depth: NonNegative | None = None
     """m, of the mean floor below the sea surface."""
     rate_hz: Positive = 1.0
-    sight_m: Annotated[float, Field(gt=0.5, le=20)] = 8.0
-    """Further away nothing is seen, and no image is taken."""
+    sight_m: Annotated[float, Field(gt=0.5, le=15)] = 8.0
+    """No image is taken from higher up; rays that are longer fade."""
     stereo_baseline_m: NonNegative = 0.0
     """0: one camera; else a second one, to the right in the image, with the same stamps."""
     blur: NonNegative = 0.6

@@ -11,18 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uwgraph.camera.model import Camera
+from uwgraph.camera.refraction import refractive_index
 from uwgraph.simulate.floor_light import Light
 from uwgraph.simulate.floor_noise import Single
 from uwgraph.simulate.floor_terrain import HEIGHT_STEP_M, TEXEL_M, Terrain
 from uwgraph.simulate.floor_texture import decoded
 from uwgraph.types import FloatArray
 
-WATER_INDEX: Final = 1.34
 _ITERATIONS: Final = 6
 _FLATTEST: Final = 0.1
 """Rays that go down less than this part of their length see no floor."""
 _COARSE: Final = 16
 _MARGIN_M: Final = 1.0
+_FADED: Final = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +35,7 @@ class Eye:
     @cached_property
     def rays_b(self) -> Single:
         """Unit rays in body axes, shape (3, H, W); straight up where a pixel sees nothing."""
-        rays = self.camera.outside(self.camera.pixels(), WATER_INDEX)[0]
+        rays = self.camera.outside(self.camera.pixels(), refractive_index())[0]
         rays = np.where(np.isfinite(rays).all(axis=1, keepdims=True), rays, [0.0, 0.0, -1.0])
         width, height = self.camera.size
         return np.ascontiguousarray(rays.T.reshape(3, height, width), dtype=np.float32)
@@ -149,15 +150,18 @@ def colours(terrain: Terrain, p_n: FloatArray, sight: Sight, pixel_rad: float) -
     return decoded(seen.astype(np.uint8, copy=False))
 
 
-def radiance(terrain: Terrain, eye: Eye, light: Light, p_n: FloatArray, R_nb: FloatArray, farthest: float) -> Single:
-    """Blue, green, red (H, W, 3) of the floor and the water before it, for a camera at ``p_n``."""
+def radiance(terrain: Terrain, eye: Eye, light: Light, p_n: FloatArray, R_nb: FloatArray, sight_m: float) -> Single:
+    """Blue, green, red (H, W, 3) of the floor and the water before it, for a camera at ``p_n``.
+
+    Beyond ``sight_m`` the floor fades into the water.
+    """
     R = R_nb.astype(np.float32)
     rays_b = eye.rays_b
     rays_n = np.tensordot(R, rays_b, axes=1)
-    sight = look(terrain, p_n, rays_n, farthest)
+    sight = look(terrain, p_n, rays_n, _FADED * sight_m)
     albedo = colours(terrain, p_n, sight, 1.0 / float(np.mean(eye.camera.f)))
     direct = light.reflected(albedo, rays_b * sight.r, sight.r, np.tensordot(R.T, sight.normal_n, axes=1))
-    direct *= sight.met[..., None]
+    direct *= (sight.met * np.clip((_FADED - sight.r / np.float32(sight_m)) / (_FADED - 1.0), 0.0, 1.0))[..., None]
     direct = light.halo(direct, float(np.median(sight.r)))
     coarse = np.s_[_COARSE // 2 :: _COARSE, _COARSE // 2 :: _COARSE]
     veil = light.scattered(rays_b[(slice(None), *coarse)], sight.r[coarse])
