@@ -22,7 +22,7 @@ _ITERATIONS: Final = 6
 _FLATTEST: Final = 0.1
 """Rays that go down less than this part of their length see no floor."""
 _COARSE: Final = 16
-_MARGIN_M: Final = 1.0
+_MARGIN_M: Final = 0.5
 _FADED: Final = 1.5
 
 
@@ -62,10 +62,10 @@ def look(terrain: Terrain, p_n: FloatArray, rays_n: Single, farthest: float) -> 
     """
     down = np.maximum(rays_n[2], np.float32(_FLATTEST))
     under = np.float32(terrain.mean_down(p_n[:2]) - p_n[2])
-    reach = float(min(farthest, float((rays_n[:2] ** 2).sum(axis=0).max() ** 0.5) * _bound(under, down, farthest)))
-    patch = _Patch.around(terrain, p_n[:2], reach + _MARGIN_M)
     slope_ne = rays_n[:2] / down
-    drop = np.minimum(np.full_like(down, under), np.float32(farthest) * down)
+    drop = np.minimum(under, np.float32(farthest) * down)
+    reach = float(np.abs(slope_ne * drop).max()) + _MARGIN_M + 4.0 * terrain.ground.relief
+    patch = _Patch.around(terrain, p_n[:2], reach)
     for _ in range(_ITERATIONS):
         drop = under - patch.height(slope_ne * drop)
         np.minimum(drop, np.float32(farthest) * down, out=drop)
@@ -86,10 +86,6 @@ def ranges(terrain: Terrain, p_n: FloatArray, d_n: FloatArray, farthest: float) 
         found = (under - terrain.height(p_n[:, :2] + found[:, None] * d_n[:, :2])) / d_n[:, 2]
     r[near] = np.where((found > 0.0) & (found <= farthest), found, np.nan)
     return r
-
-
-def _bound(under: np.float32, down: Single, farthest: float) -> float:
-    return float(np.minimum(np.abs(under) / down, farthest).max())
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,8 +19,9 @@ Coded = NDArray[np.uint8]
 
 PATCH_CELL_M: Final = 0.6
 _PATCH_RADIUS_M: Final = 0.55
-_PATCH_REACH_M: Final = 1.2 * _PATCH_RADIUS_M
-"""Bent as it is."""
+_BENDS: Final = ((0.025, 0.25), (0.06, 0.9))
+"""1-sigma and size of what bends the photographs, m."""
+_PATCH_REACH_M: Final = _PATCH_RADIUS_M + 3.0 * 0.065
 _PATCH_SCALE: Final = (0.75, 1.3)
 _GRAIN, _TONE, _HUE, _WARP, _WEED, _PATCH = 200, 220, 240, 260, 280, 300
 _SAND: Final = np.array([0.17, 0.205, 0.225], dtype=np.float32)
@@ -88,7 +89,7 @@ class Texture:
             centre = photo.centres[int(rng.integers(len(photo.centres)))]
             turn, mirror = rng.uniform(0.0, 2.0 * np.pi), rng.choice([-1.0, 1.0])
             scale = rng.uniform(*_PATCH_SCALE) * self.photo_pixel_m
-            place = [(index + rng.uniform(0.2, 0.8)) * PATCH_CELL_M for index in cell]
+            place = [(index + rng.uniform(0.3, 0.7)) * PATCH_CELL_M for index in cell]
             near = grid.around(place[0], place[1], _PATCH_REACH_M)
             dn, de = north[near] - np.float32(place[0]), east[near] - np.float32(place[1])
             if not dn.size:
@@ -105,8 +106,9 @@ class Texture:
         return quilt
 
     def _bend(self, grid: Grid, layer: int) -> Single:
-        bend: Single = np.float32(0.016) * field(self.seed, _WARP + layer, grid, 0.3)
-        bend += np.float32(0.04) * field(self.seed, _WARP + layer + 1, grid, 0.9)
+        bend = np.zeros(grid.shape, dtype=np.float32)
+        for number, (sigma, size) in enumerate(_BENDS):
+            bend += np.float32(sigma) * field(self.seed, _WARP + layer + number, grid, size)
         return bend
 
 
