@@ -22,8 +22,6 @@ from uwgraph.types import FloatArray
 
 _MIN_BASELINE_M: Final = 0.005
 _MAX_DISPARITIES: Final = 256
-_NO_MAP: Final = np.zeros(0, dtype=np.float32)
-"""The first map holds both coordinates."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +40,12 @@ class Stereo:
     """Rotation of the virtual axes to the body, shape (3, 3)."""
     l_b: FloatArray
     """Place of the left pinhole in the body, shape (3,), m."""
-    maps: tuple[Pixels, Pixels]
-    """Pixels (u, v) of the left and the right image behind each virtual pixel, float32, shape (H, W, 2)."""
+    maps: tuple[tuple[Pixels, Pixels], tuple[Pixels, Pixels]]
+    """Of the left and the right image: u and v behind each virtual pixel."""
 
     def rectified(self, image: Colours, side: int) -> Colours:
         """The left (0) or right (1) image as its virtual pinhole sees it."""
-        return np.asarray(cv2.remap(image, self.maps[side], _NO_MAP, cv2.INTER_LINEAR), dtype=np.uint8)
+        return np.asarray(cv2.remap(image, *self.maps[side], cv2.INTER_LINEAR), dtype=np.uint8)
 
     def disparity_range(self, near: float, far: float) -> tuple[int, int]:
         """Smallest disparity and how many, as StereoSGBM wants them, of points between two distances [m]."""
@@ -90,8 +88,12 @@ def stereo_of(left: Camera, right: Camera, n: float, max_pixels: int) -> Stereo:
     cu, cv = (-low * f).tolist()
     u, v = np.meshgrid(np.arange(width), np.arange(height))
     rays_b = np.stack([(u - cu) / f, (v - cv) / f, np.ones_like(u, dtype=np.float64)], axis=-1) @ R_bv.T
-    maps = tuple(_pixels_of(camera, rays_b.reshape(-1, 3), n).reshape(height, width, 2) for camera in (left, right))
-    return Stereo(f, (cu, cv), (width, height), baseline, R_bv, left.l_b, (maps[0], maps[1]))
+    rays_b = rays_b.reshape(-1, 3)
+    u_left, v_left, u_right, v_right = (
+        x.reshape(height, width) for camera in (left, right) for x in _pixels_of(camera, rays_b, n).T.copy()
+    )
+    maps = ((u_left, v_left), (u_right, v_right))
+    return Stereo(f, (cu, cv), (width, height), baseline, R_bv, left.l_b, maps)
 
 
 def block_points(
