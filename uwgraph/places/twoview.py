@@ -1,0 +1,147 @@
+"""The motion between two images of one camera: a plane and what stands out of it, with scale and covariance."""
+
+from __future__ import annotations
+
+from typing import Annotated, Final
+
+import cv2
+import numpy as np
+from pydantic import Field
+
+from uwgraph.dive.rig import Positive, Settings
+from uwgraph.places.aids import Aids
+from uwgraph.places.matching import Matches
+from uwgraph.places.motion import Motion, failed, motion_in_body, rotation_vector
+from uwgraph.places.plane import (
+    Geometry,
+    epipolar,
+    floor_of,
+    inverse_depths,
+    pixels_off_plane,
+    planes_of,
+)
+from uwgraph.places.solve import Solved, floorlike, solve
+from uwgraph.places.view import View
+from uwgraph.types import BoolArray, FloatArray
+
+CONFIDENCE: Final = 0.9999
+ITERATIONS: Final = 5000
+GATE: Final = 3.0
+"""Points further off than this many sigma do not agree."""
+STEEP: Final = 15.0
+"""What it costs (chi-square) to say that a plane is a wall; only to choose between the two planes of one homography."""
+AS_WELL: Final = 6.0
+"""Two motions explain the images equally well when their costs (chi-square) differ by less."""
+
+
+class PairSettings(Settings):
+    """When two images count as showing the same thing."""
+
+    min_inliers: Annotated[int, Field(ge=8, le=10_000)] = 20
+    """Fewer points that agree are no motion."""
+    threshold_px: Positive = 1.5
+    """How far off points may be while the motion is searched, pixels."""
+    noise_px: Positive = 0.7
+    """What features are usually off by; only to choose between models."""
+
+
+def two_view_motion(a: View, b: View, matches: Matches, aids: Aids, settings: PairSettings | None = None) -> Motion:
+    """The motion of the body from one view to the other, from matched features.
+
+    Distinct matches find it (MAGSAC++; homography or essential matrix by GRIC), all mutual ones near it refine it.
+    """
+    settings = settings or PairSettings()
+    if matches.distinct.sum() < settings.min_inliers:
+        return failed(f"too few matches: {matches.distinct.sum()}")
+    va, vb = a.select(matches.a), b.select(matches.b)
+    starts = first_guesses(va.select(matches.distinct), vb.select(matches.distinct), aids, settings)
+    found = [made for g in starts if (made := _refined(g, va, vb, aids, settings)) is not None]
+    if not found:
+        return failed("too few points agree with one motion")
+    costs = [_cost(solved, va, vb, aids, settings) for solved, _ in found]
+    order = np.argsort(costs)
+    solved, agree = found[order[0]]
+    motion = _motion(solved, agree, va, vb)
+    if len(found) > 1 and costs[order[1]] - costs[order[0]] < AS_WELL and _differ(solved, found[order[1]][0]):
+        return motion.refused("two motions explain the images as well")
+    return motion
+
+
+def first_guesses(a: View, b: View, aids: Aids, settings: PairSettings) -> list[Geometry]:
+    """Motions that explain the matches (rows of a and b): those of a homography, or that of an essential matrix."""
+    K = np.diag([2.0 / (a.pixel + b.pixel)] * 2 + [1.0])  # OpenCV's estimators expect pixels
+    xa, xb = a.image_plane * K[0, 0], b.image_plane * K[0, 0]
+    cv2.setRNGSeed(0)
+    H, _ = cv2.findHomography(xa, xb, cv2.USAC_MAGSAC, settings.threshold_px, None, ITERATIONS, CONFIDENCE)
+    cv2.setRNGSeed(0)
+    E, mask = cv2.findEssentialMat(xa, xb, K, cv2.USAC_MAGSAC, CONFIDENCE, settings.threshold_px, ITERATIONS)
+    planar = [] if H is None else planes_of(np.linalg.inv(K) @ H @ K, a, b.camera.R_bs)
+    general = []
+    if E is not None and E.shape == (3, 3):
+        _, R_ba, t, _ = cv2.recoverPose(E, xa, xb, K, mask=mask)
+        R_s = np.asarray(R_ba).T
+        g = Geometry(a.camera.R_bs @ R_s @ b.camera.R_bs.T, -a.camera.R_bs @ R_s @ t.ravel())
+        general = [Geometry(g.R, g.c, floor_of(g, a, b, aids.floor, settings.threshold_px))]
+    of_plane = [_gric(pixels_off_plane(g, a, b), 2, 8, settings.noise_px) for g in planar]
+    of_relief = [_gric(np.abs(epipolar(g, a, b)[0]), 3, 5, settings.noise_px) for g in general]
+    return planar if min(of_plane, default=np.inf) <= min(of_relief, default=np.inf) else general
+
+
+def _refined(g: Geometry, a: View, b: View, aids: Aids, settings: PairSettings) -> tuple[Solved, BoolArray] | None:
+    """Solved on the matches that agree, and again on those that agree then; None where they are too few."""
+    solved, agree = None, np.zeros(len(a), np.bool_)
+    reach = 2.0 * settings.threshold_px
+    for _ in range(2):
+        on_plane, agree = agreeing(g, a, b, reach)
+        if agree.sum() < settings.min_inliers:
+            return None
+        solved = solve(g, a.select(agree), b.select(agree), on_plane[agree], aids)
+        g, reach = solved.geometry, GATE * solved.sigma
+    _, agree = agreeing(g, a, b, reach)
+    return None if solved is None or agree.sum() < settings.min_inliers else (solved, agree)
+
+
+def agreeing(g: Geometry, a: View, b: View, reach: float) -> tuple[BoolArray, BoolArray]:
+    """Which matches lie on the plane within ``reach`` pixels, and which on it or before or behind it."""
+    on_plane = np.zeros(len(a), np.bool_)
+    if g.plane is not None:
+        on_plane = pixels_off_plane(g, a, b) < reach
+    rho, pixels = inverse_depths(g, a, b)
+    parallax = rho * pixels
+    told_apart = (parallax > 2.0 * reach) if g.plane is None else (np.median(parallax) > 2.0 * reach) & (rho > 0.0)
+    return on_plane, on_plane | ((np.abs(epipolar(g, a, b)[0]) < reach) & told_apart)
+
+
+def _motion(solved: Solved, agree: BoolArray, a: View, b: View) -> Motion:
+    g = solved.geometry
+    p, cov = motion_in_body(g, solved.cov[:6, :6], a.camera.l_b, solved.metric)
+    rho, pixels = inverse_depths(g, a.select(agree), b.select(agree))
+    on_plane = 0 if g.plane is None else int((pixels_off_plane(g, a, b) < GATE * solved.sigma)[agree].sum())
+    reason = f"{'plane' if on_plane > 0.8 * agree.sum() else 'relief'}{'' if solved.metric else ', no scale'}"
+    parallax = float(np.median(np.abs(rho * pixels)))
+    return Motion(
+        p, rotation_vector(g.R), cov, True, reason, int(agree.sum()), agree, g, parallax, solved.metric
+    )  # fmt: skip
+
+
+def _cost(solved: Solved, a: View, b: View, aids: Aids, settings: PairSettings) -> float:
+    """Chi-square of the matches (capped), of the aids, and of the plane's tilt."""
+    g = solved.geometry
+    e = np.abs(epipolar(g, a, b)[0]) if g.plane is None else pixels_off_plane(g, a, b)
+    fit = np.minimum((e / max(solved.sigma, settings.noise_px)) ** 2, GATE**2).sum()
+    steep = 0.0 if g.plane is None or floorlike(g.plane, aids.floor) else STEEP
+    return float(fit + solved.aid_cost + steep)
+
+
+def _differ(one: Solved, other: Solved) -> bool:
+    """Whether two motions are further apart than their noise."""
+    turn = rotation_vector(one.geometry.R.T @ other.geometry.R)
+    off = np.r_[turn, other.geometry.c - one.geometry.c]
+    return float(off @ np.linalg.pinv(one.cov[:6, :6] + other.cov[:6, :6], hermitian=True) @ off) > 22.5
+
+
+def _gric(pixels: FloatArray, structure: int, parameters: int, noise_px: float) -> float:
+    """Geometric robust information criterion (Torr, Phil. Trans. R. Soc. A 356, 1998), d = ``structure``, r = 4."""
+    e2 = np.minimum((pixels / noise_px) ** 2, 2.0 * (4 - structure))
+    n = len(pixels)
+    return float(e2.sum() + np.log(4.0) * structure * n + np.log(4.0 * n) * parameters)
