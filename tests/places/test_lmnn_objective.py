@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from uwgraph.places import lmnn_impostors
+from uwgraph.places import lmnn_impostors, lmnn_objective
 from uwgraph.places.lmnn_impostors import class_starts, impostors, target_neighbours
-from uwgraph.places.lmnn_objective import Objective, factor
+from uwgraph.places.lmnn_objective import Objective, add_laplacian, factor
 
 
 def problem(seed, n=30, d=5, p=5, classes=3, k=3, shrinkage=0.7, push_weight=0.4):
@@ -92,21 +92,40 @@ def brute_force_pairs(Y, labels, radius):
     return set(zip(*np.nonzero((d < radius[:, None]) & (labels[:, None] != labels)), strict=True))
 
 
-@pytest.mark.parametrize("block", [1, 37, 1 << 20])
+@pytest.mark.parametrize("block", [1, 137, 1 << 20])
 @pytest.mark.parametrize("spread", [1.0, 1e4], ids=["single precision", "double precision"])
-def test_impostors_are_those_of_brute_force(monkeypatch, block, spread):
+@pytest.mark.parametrize("reach", [0.5, 20.0], ids=["few", "many"])
+def test_impostors_are_those_of_brute_force(monkeypatch, block, spread, reach):
     monkeypatch.setattr(lmnn_impostors, "BLOCK", block)
     rng = np.random.default_rng(2)
-    labels = np.sort(rng.integers(6, size=50))
+    labels = np.unique(np.sort(rng.integers(6, size=50)), return_inverse=True)[1]
     Y = rng.normal(size=(50, 4))
     Y[:, 0] += spread * (np.arange(50) % 2)
-    radius = rng.uniform(0.5, 8.0, size=50)
+    radius = reach * rng.uniform(0.5, 2.0, size=50)
     radius[::7] = -np.inf
-    found = list(impostors(Y, class_starts(np.unique(labels, return_inverse=True)[1]), radius))
-    pairs = {(int(i), int(j)) for part in found for i, j in zip(part.i, part.l, strict=True)}
+    found = list(impostors(Y, class_starts(labels), radius))
+    pairs = {(int(i) + part.rows.start, int(j)) for part in found for i, j in zip(part.i, part.l, strict=True)}
     assert pairs == brute_force_pairs(Y, labels, radius)
     for part in found:
-        np.testing.assert_allclose(part.distance, ((Y[part.i] - Y[part.l]) ** 2).sum(axis=1), rtol=1e-12)
+        d = ((Y[part.rows][part.i] - Y[part.l]) ** 2).sum(axis=1)
+        np.testing.assert_allclose(part.distance, d, atol=1e-12 * (Y**2).sum(axis=1).max())
+
+
+@pytest.mark.parametrize("dense", [0.0, 1.0])
+def test_laplacian_of_a_block(monkeypatch, dense):
+    monkeypatch.setattr(lmnn_objective, "DENSE", dense)
+    rng = np.random.default_rng(0)
+    Z, rows = rng.normal(size=(9, 3)), slice(2, 6)
+    i, j, weight = np.sort(rng.integers(4, size=20)), rng.integers(9, size=20), rng.normal(size=20)
+    expected = np.zeros((9, 9))
+    for a, b, w in zip(i + 2, j, weight, strict=True):
+        e = np.zeros(9)
+        e[a] += 1.0
+        e[b] -= 1.0
+        expected += w * np.outer(e, e)
+    out = np.ones_like(Z)
+    add_laplacian(out, Z, rows, i, j, weight)
+    np.testing.assert_allclose(out, 1.0 + expected @ Z, atol=1e-12)
 
 
 def test_target_neighbours_stay_in_the_class_and_are_the_nearest():

@@ -21,13 +21,18 @@ BLOCK = 1 << 20
 """Entries of the largest temporary array: what bounds the memory."""
 COARSE = 0.1
 """Largest error of a squared distance in single precision (in margins) with which impostors are still sought in it."""
+DENSE = 1.0 / 16.0
+"""Share of pairs above which a full matrix product is faster than one pair after the other."""
 
 
 @dataclass(frozen=True, eq=False)
 class Impostors:
-    """Pairs (i, l) of different class with |y_i - y_l|^2 below the radius of i."""
+    """Pairs (i, l) of different class with |y_i - y_l|^2 below the radius of i, of a block of points i."""
 
+    rows: slice
+    """The block."""
     i: IndexArray
+    """Sorted, counted from the start of the block."""
     l: IndexArray  # noqa: E741
     distance: FloatArray
     """Squared."""
@@ -70,24 +75,26 @@ def impostors(Y: FloatArray, starts: IndexArray, radius: FloatArray) -> Iterator
     # |y_i - y_l|^2 - radius_i as one product
     left = np.column_stack([-2.0 * Y, np.ones(n), square - np.where(np.isfinite(radius), radius, 0.0)])
     right = np.column_stack([Y, square, np.ones(n)])
-    tolerance = 8.0 * (Y.shape[1] + 4) * np.finfo(np.float32).eps * float(square.max() + np.max(radius, initial=0.0))
-    if tolerance <= COARSE:
-        left, right = left.astype(np.float32), right.astype(np.float32)
-    else:
-        tolerance *= np.finfo(np.float64).eps / np.finfo(np.float32).eps
-    rows = max(1, BLOCK // n)
-    for a in range(0, n, rows):
-        excess = left[a : a + rows] @ right.T
+    error = 8.0 * (Y.shape[1] + 4) * float(square.max() + np.max(radius, initial=0.0))
+    single = error * np.finfo(np.float32).eps <= COARSE
+    tolerance = error * np.finfo(np.float32 if single else np.float64).eps
+    quick_left, quick_right = (a.astype(np.float32) if single else a for a in (left, right))
+    for a in range(0, n, max(1, BLOCK // n)):
+        rows = slice(a, min(a + max(1, BLOCK // n), n))
+        excess = quick_left[rows] @ quick_right.T
         _strike_out_classes(excess, a, starts)
-        excess[~np.isfinite(radius[a : a + rows])] = np.inf
-        i, l = np.divmod(np.flatnonzero(excess < tolerance), n)  # noqa: E741
-        i += a
-        distance = squared_distances(Y, i, l)
-        near = distance < radius[i]
-        yield Impostors(i[near], l[near], distance[near])
+        excess[~np.isfinite(radius[rows])] = np.inf
+        pairs = np.flatnonzero(excess < tolerance)
+        i, l = np.divmod(pairs, n)  # noqa: E741
+        if len(pairs) > DENSE * excess.size:
+            distance = np.maximum((left[rows] @ right.T).ravel()[pairs] + radius[rows][i], 0.0)
+        else:
+            distance = squared_distances(Y, i + a, l)
+        near = distance < radius[rows][i]
+        yield Impostors(rows, i[near], l[near], distance[near])
 
 
-def _strike_out_classes(excess: FloatArray, first: int, starts: IndexArray) -> None:
+def _strike_out_classes(excess: NDArray[np.floating], first: int, starts: IndexArray) -> None:
     """Set the pairs of the same class to infinity; the rows are the points from ``first`` on."""
     last = first + len(excess)
     c = int(np.searchsorted(starts, first, side="right")) - 1

@@ -13,10 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
-from uwgraph.places.lmnn_impostors import IndexArray, impostors, squared_distances
+from uwgraph.places.lmnn_impostors import DENSE, IndexArray, impostors, squared_distances
 from uwgraph.types import FloatArray
 
 
@@ -70,13 +69,17 @@ class Objective:
         value = (1.0 - mu) * float(pull[i, slot].sum())
         edges = np.full((n, k), 1.0 - mu)
         lap_Z = np.zeros_like(Z)
-        for pairs in impostors(Y, self.starts, 1.0 + pull.max(axis=1)):
-            hinge = 1.0 + pull[pairs.i] - pairs.distance[:, None]
-            active = hinge > 0.0
-            value += mu * float(hinge[active].sum())
-            edges += mu * _sums_by(pairs.i, active, n)
-            lap_Z -= mu * laplacian_product(pairs.i, pairs.l, active.sum(axis=1).astype(np.float64), Z)
-        return value, lap_Z + laplacian_product(i, j, edges[i, slot], Z)
+        for found in impostors(Y, self.starts, 1.0 + pull.max(axis=1)):
+            terms = np.zeros(len(found.i))
+            for s in range(k):
+                hinge = 1.0 + pull[found.rows, s][found.i] - found.distance
+                active = hinge > 0.0
+                value += mu * float(hinge[active].sum())
+                edges[found.rows, s] += mu * np.bincount(found.i, active, minlength=len(edges[found.rows]))
+                terms += active
+            add_laplacian(lap_Z, Z, found.rows, found.i, found.l, -mu * terms)
+        add_laplacian(lap_Z, Z, slice(0, n), i, j, edges[i, slot])
+        return value, lap_Z
 
 
 def factor(M: FloatArray) -> FloatArray:
@@ -85,14 +88,14 @@ def factor(M: FloatArray) -> FloatArray:
     return np.asarray((np.sqrt(np.maximum(values, 0.0)) * vectors).T[::-1])
 
 
-def laplacian_product(i: IndexArray, j: IndexArray, weight: FloatArray, Z: FloatArray) -> FloatArray:
-    """lap(W) Z, where z^T lap(W) z = sum of weight (z_i - z_j)^2 over the edges."""
-    n = len(Z)
-    degree = np.bincount(i, weight, minlength=n) + np.bincount(j, weight, minlength=n)
-    W = sparse.csr_array((weight, (i, j)), shape=(n, n))
-    return np.asarray(degree[:, None] * Z - W @ Z - W.T @ Z)
-
-
-def _sums_by(i: IndexArray, rows: NDArray[np.bool_], n: int) -> FloatArray:
-    """Sums of the rows with the same ``i``, shape (n, columns)."""
-    return np.column_stack([np.bincount(i, column, minlength=n) for column in rows.T])
+def add_laplacian(
+    lap_Z: FloatArray, Z: FloatArray, rows: slice, i: IndexArray, j: IndexArray, weight: FloatArray
+) -> None:
+    """Add lap(W) Z of edges from ``rows.start + i`` to j, ``i`` sorted; z^T lap(W) z sums weight (z_i - z_j)^2."""
+    n, count = len(Z), rows.stop - rows.start
+    ends = np.append(0, np.cumsum(np.bincount(i, minlength=count)))
+    W = sparse.csr_array((weight, j, ends), shape=(count, n))
+    if W.nnz > DENSE * count * n:
+        W = W.toarray()
+    lap_Z[rows] += np.bincount(i, weight, minlength=count)[:, None] * Z[rows] - W @ Z
+    lap_Z += np.bincount(j, weight, minlength=n)[:, None] * Z - W.T @ Z[rows]
