@@ -171,9 +171,10 @@ def _moments(motion: ReferenceMotion, terrain: Terrain, camera: Camera, model: F
     t: FloatArray = np.arange(int(np.floor(motion.duration_s * model.rate_hz + 1e-9)) + 1) / model.rate_hz
     p_n = motion.position(t) + motion.attitude(t) @ camera.l_b
     above = terrain.mean_down(p_n[:, :2]) - p_n[:, 2]
-    near = (above < model.sight_m) & (_depths(motion, p_n) > _SHALLOWEST_M)
-    near[near] = terrain.down(p_n[near, :2]) - p_n[near, 2] > _NEAREST_M
-    if not near.any():
+    near = np.flatnonzero((above < model.sight_m) & (_depths(motion, p_n) > _SHALLOWEST_M))
+    if len(near):
+        near = near[terrain.down(p_n[near, :2]) - p_n[near, 2] > _NEAREST_M]
+    if not len(near):
         raise DataError(
             f"the floor at {terrain.depth:.1f} m is never in sight ({model.sight_m:g} m)",
             where="images",

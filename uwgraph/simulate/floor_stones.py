@@ -14,6 +14,7 @@ from uwgraph.simulate.floor_noise import Grid, Single, cell_rng, field
 _LAYER: Final = 100
 _CELL_M: Final = 1.0
 _WAVES: Final = np.arange(2, 6)
+"""Of an outline, per turn."""
 _SKIRT: Final = 1.5
 """Radii that a stone with its bays, its capes and its dark foot reaches at most."""
 
@@ -63,19 +64,25 @@ class Stone:
         """0 in the middle and 1 at the outline, at nodes of the grid."""
         dn = (grid.north[near[0]] - np.float32(self.north))[:, None]
         de = (grid.east[near[1]] - np.float32(self.east))[None, :]
-        c, s = np.float32(np.cos(self.turn)), np.float32(np.sin(self.turn))
-        x, y = (dn * c + de * s) / np.float32(self.axes[0]), (de * c - dn * s) / np.float32(self.axes[1])
-        around = np.arctan2(y, x)
-        outline: Single = np.ones_like(x)
-        for wave, lobe, phase in zip(_WAVES, self.lobes, self.phases, strict=True):
-            outline += lobe * np.cos(np.float32(wave) * around + phase)
-        return np.asarray(np.hypot(x, y) / outline, dtype=np.float32)
+        z = (dn + 1j * de) * np.complex64(np.exp(-1j * self.turn))
+        z = z.real / np.float32(self.axes[0]) + np.complex64(1j) * (z.imag / np.float32(self.axes[1]))
+        rho = np.abs(z)
+        z /= np.maximum(rho, np.float32(1e-6))
+        outline, power = np.ones_like(rho), z
+        for lobe, phase in zip(self.lobes, self.phases, strict=True):
+            power = power * z
+            outline += (np.complex64(lobe * np.exp(1j * phase)) * power).real
+        return np.asarray(rho / outline, dtype=np.float32)
 
 
-def stones_near(seed: int, kind: Kind, grid: Grid, density: float) -> Iterator[Stone]:
-    """Those of a kind that can touch the grid, always in the same order."""
-    for cell in grid.cells(_CELL_M, _SKIRT * kind.radius[1]):
-        yield from _in_cell(seed, kind, cell, density)
+def stones_near(seed: int, grid: Grid, density: float) -> Iterator[tuple[Stone, tuple[slice, slice]]]:
+    """Those that touch the grid, always in the same order, and where."""
+    for kind in KINDS:
+        for cell in grid.cells(_CELL_M, _SKIRT * kind.radius[1]):
+            for stone in _in_cell(seed, kind, cell, density):
+                near = grid.around(stone.north, stone.east, stone.reach)
+                if all(part.stop > part.start for part in near):
+                    yield stone, near
 
 
 @lru_cache(maxsize=4096)
@@ -108,22 +115,18 @@ def _drawn(kind: Kind, cell: tuple[int, int], rng: np.random.Generator) -> Stone
 def raise_stones(height: Single, seed: int, grid: Grid, density: float) -> None:
     """Put the stones' bodies onto a relief: domes of (1 + cos) whose slopes are moderate all over."""
     tops = np.zeros_like(height)
-    for kind in KINDS:
-        for stone in stones_near(seed, kind, grid, density):
-            near = grid.around(stone.north, stone.east, stone.reach)
-            body = 0.5 * stone.height * (1.0 + np.cos(np.pi * np.minimum(stone.distance(grid, near), 1.0)))
-            np.maximum(tops[near], body, out=tops[near])
+    for stone, near in stones_near(seed, grid, density):
+        body = 0.5 * stone.height * (1.0 + np.cos(np.pi * np.minimum(stone.distance(grid, near), 1.0)))
+        np.maximum(tops[near], body, out=tops[near])
     height += tops
 
 
 def paint_stones(albedo: Single, grain: Single, seed: int, grid: Grid, density: float) -> None:
     """Colour the stones into an albedo (rows, columns, 3); ``grain`` is noise of variance 1, the same everywhere."""
-    for kind in KINDS:
-        for stone in stones_near(seed, kind, grid, density):
-            near = grid.around(stone.north, stone.east, stone.reach)
-            rho = stone.distance(grid, near)
-            edge = max(0.12, 1.2 * grid.step / stone.axes[1])
-            inside = np.clip((1.0 - rho) / edge + 0.5, 0.0, 1.0)[..., None]
-            foot = (1.0 - 0.45 * np.exp(-(((rho - 1.0) / 0.2) ** 2)))[..., None]
-            skin = stone.colour * np.exp(0.28 * grain[near])[..., None]
-            albedo[near] = (albedo[near] * (1.0 - inside) + skin * inside) * foot
+    for stone, near in stones_near(seed, grid, density):
+        rho = stone.distance(grid, near)
+        edge = max(0.12, 1.2 * grid.step / stone.axes[1])
+        inside = np.clip((1.0 - rho) / edge + 0.5, 0.0, 1.0)[..., None]
+        foot = (1.0 - 0.45 * np.exp(-np.square((rho - 1.0) / 0.2)))[..., None]
+        skin = stone.colour * np.exp(0.28 * grain[near])[..., None]
+        albedo[near] = (albedo[near] * (1.0 - inside) + skin * inside) * foot

@@ -62,8 +62,9 @@ class Tiles:
         order = np.argsort(group, kind="stable")
         found: list[NDArray[Any]] = []
         for members in np.split(order, np.cumsum(np.bincount(group))[:-1]):
-            corner = tuple(int(index) * self.size for index in whole[members[0]] // self.size)
-            nodes = self.crop((corner[0], corner[1]), (self.size + 1, self.size + 1)).astype(np.float64)
+            corner = whole[members].min(axis=0)
+            count = whole[members].max(axis=0) + 2 - corner
+            nodes = self.crop((int(corner[0]), int(corner[1])), (int(count[0]), int(count[1]))).astype(np.float64)
             (i, j), (u, v) = (whole[members] - corner).T, part[members].T
             shape = (-1,) + (1,) * (nodes.ndim - 2)
             u, v = u.reshape(shape), v.reshape(shape)

@@ -26,6 +26,7 @@ _PATCH_SCALE: Final = (0.75, 1.3)
 _GRAIN, _TONE, _HUE, _WARP, _WEED, _PATCH = 200, 220, 240, 260, 280, 300
 _SAND: Final = np.array([0.17, 0.205, 0.225], dtype=np.float32)
 _WEED_COLOUR: Final = np.array([0.045, 0.085, 0.07], dtype=np.float32)
+_FINEST_M: Final = 0.016
 _LINEAR: Final = (np.arange(256, dtype=np.float32) / np.float32(255.0)) ** 2
 
 
@@ -41,7 +42,7 @@ class Texture:
     def __call__(self, grid: Grid) -> Coded:
         """Albedo at the nodes, shape (rows, columns, 3), coded by a square root; see :func:`decoded`."""
         if self.ground.texture == "plain":
-            grain = fractal(self.seed, _GRAIN, grid, 0.5, 0.016, 0.8)
+            grain = fractal(self.seed, _GRAIN, grid, 0.5, _FINEST_M, 0.8)
             return _coded(_SAND * np.exp(np.float32(0.03) * grain)[..., None])
         if self.ground.texture == "tiles":
             return self._repeated(grid)
@@ -59,7 +60,7 @@ class Texture:
         return _coded(one[rows[:, None], columns[None, :]])
 
     def _natural(self, grid: Grid) -> Single:
-        grain = fractal(self.seed, _GRAIN, grid, 0.256, 2.0 * grid.step, 0.8)
+        grain = fractal(self.seed, _GRAIN, grid, 0.256, _FINEST_M, 0.8)
         albedo = self._quilt(grid) if self.photos else self._grown(grid)
         tone = np.float32(0.3) * fractal(self.seed, _TONE, grid, 9.0, 0.5, 0.7) + np.float32(0.2) * grain
         hue = np.float32(0.08) * fractal(self.seed, _HUE, grid, 6.0, 1.0)
@@ -69,7 +70,7 @@ class Texture:
 
     def _grown(self, grid: Grid) -> Single:
         """Sand and patches of weed."""
-        sand = np.float32(0.3) * fractal(self.seed, _GRAIN + 10, grid, 1.0, 2.0 * grid.step, 0.85)
+        sand = np.float32(0.3) * fractal(self.seed, _GRAIN + 10, grid, 1.0, _FINEST_M, 0.85)
         weed = fractal(self.seed, _WEED, grid, 1.6, 0.025, 0.6)
         share = (0.5 + 0.5 * np.tanh(5.0 * (weed - 0.5)))[..., None].astype(np.float32)
         colours: Single = (_SAND * (1.0 - share) + _WEED_COLOUR * share) * np.exp(sand)[..., None]
@@ -92,16 +93,19 @@ class Texture:
             place = [(index + rng.uniform(0.3, 0.7)) * PATCH_CELL_M for index in cell]
             near = grid.around(place[0], place[1], _PATCH_REACH_M)
             dn, de = north[near] - np.float32(place[0]), east[near] - np.float32(place[1])
-            if not dn.size:
+            inside = 1.0 - (dn * dn + de * de) * np.float32(_PATCH_RADIUS_M**-2)
+            column, row, width, height = cv2.boundingRect((inside > 0.0).astype(np.uint8)) if dn.size else (0, 0, 0, 0)
+            if not width:
                 continue
+            disc = np.s_[row : row + height, column : column + width]
+            dn, de, inside = dn[disc], de[disc], np.maximum(inside[disc], np.float32(0.0))
             c, s = np.float32(np.cos(turn) / scale), np.float32(np.sin(turn) / scale)
             x = c * dn + s * de + np.float32(centre[0])
             y = np.float32(mirror) * (c * de - s * dn) + np.float32(centre[1])
             piece = cv2.remap(photo.texture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
-            inside = np.maximum(1.0 - (dn * dn + de * de) / np.float32(_PATCH_RADIUS_M**2), 0.0)
             share = np.square(np.square(np.float32(rng.uniform(0.4, 1.0)) * inside * piece[..., 3]))[..., None]
-            total[near] += piece[..., :3] * share
-            weight[near] += share
+            total[near][disc] += piece[..., :3] * share
+            weight[near][disc] += share
         quilt: Single = total / weight
         return quilt
 
