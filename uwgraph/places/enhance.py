@@ -77,11 +77,11 @@ def without_polarized_veil(stokes: NDArray[Any]) -> NDArray[np.float32]:
     i, q, u = np.moveaxis(np.nan_to_num(stokes.astype(np.float32), posinf=0.0, neginf=0.0), 2, 0)
     i = np.maximum(i, 0.0)
     axis = 0.5 * np.arctan2(u.sum(dtype=np.float64), q.sum(dtype=np.float64))
-    difference = np.clip(q * np.cos(2.0 * axis) + u * np.sin(2.0 * axis), 0.0, i).astype(np.float32)
+    difference = np.clip(q * np.float32(np.cos(2.0 * axis)) + u * np.float32(np.sin(2.0 * axis)), 0.0, i)
     degree = np.divide(difference, i, out=np.zeros_like(i), where=i > 0.0)
     veil_degree = float(np.percentile(degree, 99.0))
     if veil_degree < 0.01:  # unpolarized light has no veil that could be told apart
-        return i
+        return np.asarray(i)
     return np.asarray(np.maximum(i - difference / veil_degree, 0.0), dtype=np.float32)
 
 
@@ -91,27 +91,26 @@ def scene_mask(images: Iterable[Grey]) -> Grey | None:
     An edge of an overlay is at the same place in every image, an edge of the scene passes by. Some forty images spread
     over a dive suffice. None where there are fewer than 20 of one size, or the vehicle stood still.
     """
-    count, total, length = 0, np.zeros(0), np.zeros(0)
+    count = 0
+    total: NDArray[Any] = np.zeros(0)
+    length: NDArray[Any] = np.zeros(0)
     for image in images:
         smooth = cv2.GaussianBlur(image, (0, 0), 1.0)
         gradient = np.stack([cv2.Sobel(smooth, cv2.CV_32F, 1, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 1)])
         if count and gradient.shape != total.shape:
             continue
-        total = total + gradient if count else gradient
         size = np.hypot(*gradient)
-        length = length + size if count else size
+        total, length = (total + gradient, length + size) if count else (gradient, size)
         count += 1
     if count < MIN_IMAGES:
         return None
     around = max(3, round(max(length.shape) / 128))
     lengths = cv2.blur(length, (around, around))
     kept = cv2.blur(np.hypot(*total), (around, around)) / np.maximum(lengths, 1e-6)
-    static = ((kept > COHERENT) & (lengths > 10.0 * count)).astype(np.uint8)
-    static = cv2.morphologyEx(static, cv2.MORPH_CLOSE, np.ones((2 * around + 1, 4 * around + 1), np.uint8))
-    static = cv2.dilate(static, np.ones((around, around), np.uint8))
-    if static.mean() > MOST_STATIC:
-        return None
-    return np.asarray(255 * (1 - static), dtype=np.uint8)
+    fixed = ((kept > COHERENT) & (lengths > 10.0 * count)).astype(np.uint8)
+    closed = cv2.morphologyEx(fixed, cv2.MORPH_CLOSE, np.ones((2 * around + 1, 4 * around + 1), np.uint8))
+    static = np.asarray(cv2.dilate(closed, np.ones((around, around), np.uint8)), dtype=bool)
+    return None if static.mean() > MOST_STATIC else np.where(static, np.uint8(0), np.uint8(255))
 
 
 def _grey(image: NDArray[Any]) -> Grey:
@@ -122,7 +121,7 @@ def _grey(image: NDArray[Any]) -> Grey:
         raise ConfigError(
             f"{image.dtype} of shape {image.shape} is no image", remedy="give 8 or 16 bit counts, (H, W) or (H, W, 3)"
         )
-    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
+    grey: NDArray[Any] = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)) if image.ndim == 3 else image
     return grey if grey.dtype == np.uint8 else _eight_bits(grey)
 
 
@@ -136,8 +135,7 @@ def _eight_bits(values: NDArray[Any]) -> Grey:
 def _equalised(grey: Grey) -> Grey:
     if min(grey.shape) < MIN_SIDE:
         return grey
-    equalised: Grey = cv2.createCLAHE(CLIP, (TILES, TILES)).apply(grey)
-    return equalised
+    return np.asarray(cv2.createCLAHE(CLIP, (TILES, TILES)).apply(grey), dtype=np.uint8)
 
 
 def _normalised(grey: Grey) -> Grey:
@@ -153,7 +151,8 @@ def _without_veil(grey: Grey) -> Grey:
     value = grey.astype(np.float32)
     sigma = SCALE * max(grey.shape)
     patch = max(3, round(sigma / 2.0)) | 1
-    veil = _smooth(cv2.erode(value, np.ones((patch, patch), np.uint8)), sigma / 2.0)
+    darkest = np.asarray(cv2.erode(value, np.ones((patch, patch), np.uint8)), dtype=np.float32)
+    veil = _smooth(darkest, sigma / 2.0)
     water = max(float(veil.max()), 1.0)  # the veil of endless water
     transmission = np.maximum(1.0 - 0.9 * veil / water, 0.2)
     return _eight_bits((value - veil) / transmission)

@@ -36,6 +36,11 @@ class LocalSettings(Settings):
     upright: bool = False
     """Take every feature as upright: better where the camera never rolls, useless where it does."""
 
+    @property
+    def width(self) -> int:
+        """Numbers of a local descriptor as a vocabulary sees it."""
+        return 256 if self.kind == "orb" else 128
+
 
 @dataclass(frozen=True, eq=False)
 class LocalFeatures:
@@ -80,7 +85,7 @@ def extract(grey: Grey, settings: LocalSettings | None = None, mask: Grey | None
 def root(sift: NDArray[Any]) -> NDArray[np.float32]:
     """RootSIFT of SIFT descriptors (N, 128): unit length in the Hellinger sense."""
     total = np.maximum(sift.sum(axis=1, keepdims=True, dtype=np.float32), 1e-12)
-    return np.sqrt(sift / total, dtype=np.float32)
+    return np.asarray(np.sqrt(sift / total), dtype=np.float32)
 
 
 def _reduced(grey: Grey, max_side: int) -> tuple[Grey, FloatArray]:
@@ -89,7 +94,8 @@ def _reduced(grey: Grey, max_side: int) -> tuple[Grey, FloatArray]:
     if factor == 1.0:
         return grey, np.ones(2)
     size = [max(1, round(n * factor)) for n in grey.shape[::-1]]
-    return cv2.resize(grey, size, interpolation=cv2.INTER_AREA), np.array(size) / grey.shape[::-1]
+    small = np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    return small, np.array(size) / grey.shape[::-1]
 
 
 def _detector(settings: LocalSettings) -> Any:

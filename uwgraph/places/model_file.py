@@ -1,0 +1,90 @@
+"""A trained model of places: how an image becomes a descriptor, and the metric of descriptors; one ``.npz`` file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uwgraph.dive.yamlfile import parse_settings
+from uwgraph.errors import DataError
+from uwgraph.places.deep import OnnxDescriber, OnnxSettings
+from uwgraph.places.describe import DescriberSettings, VladDescriber
+from uwgraph.places.enhance import Grey
+from uwgraph.places.metric import Metric
+from uwgraph.places.npz import Arrays, checked, json_value, read_npz, write_npz
+from uwgraph.places.vlad import Vocabulary
+from uwgraph.types import FloatArray
+
+KIND: Final = "uwgraph place model"
+
+
+@dataclass(frozen=True, eq=False)
+class PlaceModel:
+    """From an image to the vector z in which nearness means the same place."""
+
+    describer: VladDescriber | OnnxDescriber
+    metric: Metric
+
+    @property
+    def size(self) -> int:
+        """Length of z."""
+        return self.metric.size
+
+    def describe(self, image: NDArray[Any], mask: Grey | None = None) -> FloatArray | None:
+        """z of an image, shape (size,); None where nothing can be recognised."""
+        descriptor = self.describer.describe(image, mask)
+        return None if descriptor is None else self.metric.project(descriptor)
+
+    def save(self, path: str | Path) -> None:
+        """Write the model. An ONNX network stays where it is; its path and checksum are written."""
+        metric: Arrays = {"mean": self.metric.mean, "components": self.metric.components, "L": self.metric.L}
+        write_npz(path, KIND, _describer_arrays(self.describer) | metric)
+
+    @classmethod
+    def load(cls, path: str | Path) -> PlaceModel:
+        """Read what :meth:`save` wrote.
+
+        Raises
+        ------
+        DataError
+            For any other file, or when its ONNX network is missing or has changed.
+        ConfigError
+            When its settings are not those of this version.
+        """
+        where, arrays = str(path), read_npz(path, KIND)
+        describer = _describer_of(arrays, where)
+        mean = checked(arrays, "mean", (describer.size,), where, "f")
+        components = checked(arrays, "components", (None, describer.size), where, "f")
+        L = checked(arrays, "L", (None, len(components)), where, "f")
+        return cls(describer, Metric(mean.astype(np.float32), components.astype(np.float32), L.astype(np.float64)))
+
+
+def _describer_arrays(describer: VladDescriber | OnnxDescriber) -> Arrays:
+    settings = np.array(describer.settings.model_dump_json())
+    if isinstance(describer, VladDescriber):
+        return {"describer": np.array("vlad"), "settings": settings, "words": describer.vocabulary.words}
+    checksum = np.array(describer.checksum)
+    return {"describer": np.array("onnx"), "settings": settings, "checksum": checksum, "size": np.array(describer.size)}
+
+
+def _describer_of(arrays: Arrays, where: str) -> VladDescriber | OnnxDescriber:
+    kind = str(checked(arrays, "describer", (), where, "U"))
+    values = json_value(arrays, "settings", where)
+    if kind == "onnx":
+        describer = OnnxDescriber.open(parse_settings(OnnxSettings, values, where))
+        if describer.checksum != str(checked(arrays, "checksum", (), where, "U")):
+            raise DataError(
+                f"was trained with another network than {describer.settings.path}",
+                where=where,
+                remedy="put the network back, or train again",
+            )
+        return describer
+    if kind != "vlad":
+        raise DataError(f"unknown describer {kind[:40]!r}", where=where, remedy="train again with this version")
+    settings = parse_settings(DescriberSettings, values, where)
+    words = checked(arrays, "words", (settings.words, settings.local.width), where, "f")
+    return VladDescriber(Vocabulary(words.astype(np.float32)), settings)
