@@ -63,15 +63,19 @@ def main() -> None:
     def all_of(name: str) -> list[float]:
         return [row[name] for row in rows]
 
+    together = np.sqrt(np.mean(np.square(all_of("rmse_with_m"))) / np.mean(np.square(all_of("rmse_without_m"))))
     nees = float(np.mean(all_of("nees_with")))
     figures = [
         Figure("false closures accepted, all seeds", float(sum(all_of("false_accepted"))), 0.0),
+        Figure("position RMSE with closures over without, all seeds together", float(together), 0.4),
         Figure("position RMSE with closures over without, worst seed", max(all_of("ratio")), 0.4),
         Figure("position NEES, mean of the seeds", nees, 2.0),
         Figure("position NEES, mean of the seeds", nees, 0.5, at_least=True),
         Figure("true closures kept, worst seed", min(all_of("true_kept")), 0.9, at_least=True),
     ]
-    finish(args, "closures", {"dives": rows}, figures)
+    seconds = {f"median_{name}": float(np.median(all_of(name))) for name in ("seconds_without", "seconds_with")}
+    kept = {"mean_true_kept": float(np.mean(all_of("true_kept")))}
+    finish(args, "closures", {"dives": rows, "summary": [seconds | kept]}, figures)
 
 
 if __name__ == "__main__":

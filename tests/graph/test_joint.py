@@ -10,7 +10,7 @@ from gtsam.symbol_shorthand import X
 
 import factors
 from uwgraph.graph import SmoothSettings
-from uwgraph.graph.joint import joint_pose_covariance
+from uwgraph.graph.joint import joint_poses
 
 
 @pytest.mark.parametrize("calibrated", [True, False])
@@ -20,7 +20,8 @@ def test_equal_to_the_dense_inverse(calibrated: bool) -> None:
     T = problem.values.atPose3(X(20)).between(problem.values.atPose3(X(40)))
     problem.graph.push_back(factors.RelativePose(T, 1e-3 * np.eye(6)).lowered((X(20), X(40))))
     chosen = [2, 3, 11, 25, 30, 39, 57]
-    found = joint_pose_covariance(problem, problem.values, chosen)
+    joint = joint_poses(problem, problem.values, chosen)
+    found = joint.cov
 
     linear = problem.linearize(problem.values)
     ordering = problem.ordering(linear)
@@ -37,11 +38,13 @@ def test_equal_to_the_dense_inverse(calibrated: bool) -> None:
     sigma = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(dense / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=1e-9)
     np.testing.assert_array_equal(dense, dense.T)
+    step = linear.eliminateMultifrontal(ordering, gtsam.EliminateQR).optimize()
+    np.testing.assert_allclose(joint.mean, [step.at(X(k)) for k in chosen], atol=1e-8)
 
 
 def test_neighbours_know_each_other_better_than_their_place() -> None:
     problem = Truth.of(SHORT).problem(SmoothSettings())
-    P = joint_pose_covariance(problem, problem.values, [30, 31])
+    P = joint_poses(problem, problem.values, [30, 31]).cov
     values = problem.values
     A = values.atPose3(X(31)).between(values.atPose3(X(30))).AdjointMap()
     relative = A @ P[0, 0] @ A.T + P[1, 1] - A @ P[0, 1] - (A @ P[0, 1]).T

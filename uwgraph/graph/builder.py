@@ -120,7 +120,7 @@ def build(
     add("heading", *_heading(prepared, keyframes, track, place, loss))
     add("sun", *_sun(prepared, keyframes, track, place, loss))
     if settings.odometry and prepared.odometry is not None:
-        add("odometry", odometry_at_keyframes(prepared.odometry, keyframes, track).factors(loss=loss(6)))
+        add("odometry", odometry_at_keyframes(prepared.odometry, keyframes, track).factors(loss(6)))
     if closures is not None:
         add("closures", closures_at_keyframes(closures, keyframes, track).factors())
     values = _first_guess(keyframes, track, place)

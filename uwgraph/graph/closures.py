@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uwgraph.graph.builder import Problem
-from uwgraph.graph.clique import essential
+from uwgraph.graph.clique import contested, max_clique
 from uwgraph.graph.consistency import Loops, Odometry, against_odometry, consistent_pairs
 from uwgraph.graph.gnc import graduate, poses_of, squared_residuals
-from uwgraph.graph.joint import joint_pose_covariance
+from uwgraph.graph.joint import joint_poses
 from uwgraph.graph.relative import BetweenKeyframes, closures_at_keyframes
 from uwgraph.graph.settings import SmoothSettings
 from uwgraph.graph.solver import Solved
@@ -69,11 +69,13 @@ def close_loops(
     record.reason[found.sample] = "contradicts what the dive says without closures"
 
     inside = np.flatnonzero(alone.accepted)
-    core, largest = essential(consistent_pairs(odometry, loops.select(inside), settings.closure_pairs))
+    agree = consistent_pairs(odometry, loops.select(inside), settings.closure_pairs)
+    largest = max_clique(agree)
+    doubted = contested(agree, largest)
     record.reason[found.sample[inside[~largest]]] = "contradicts the largest set of closures that agree"
-    record.reason[found.sample[inside[largest & ~core]]] = "as many closures speak against it as for it"
+    record.reason[found.sample[inside[largest & doubted]]] = "as many closures speak against it as for it"
 
-    believed = found.select(inside[core])
+    believed = found.select(inside[largest & ~doubted])
     if not len(believed):
         record.chi2[found.sample] = squared_residuals(solved.values, found)
         return Closed(problem, solved, record.verdicts())
@@ -128,5 +130,5 @@ def _odometry(problem: Problem, solved: Solved, closures: BetweenKeyframes) -> t
     """What the solution without closures knows of their ends."""
     ends, place = np.unique(np.concatenate([closures.i, closures.j]), return_inverse=True)
     N = len(closures)
-    odometry = Odometry(poses_of(solved.values, ends), joint_pose_covariance(problem, solved.values, ends.tolist()))
+    odometry = Odometry(poses_of(solved.values, ends), joint_poses(problem, solved.values, ends.tolist()).cov)
     return odometry, Loops(place[:N], place[N:], closures.T, closures.cov)

@@ -7,6 +7,7 @@ Everything else is eliminated first; what is left, a chain over the chosen keyfr
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import gtsam
 import numpy as np
@@ -20,8 +21,18 @@ from uwgraph.types import FloatArray
 IndexArray = NDArray[np.intp]
 
 
-def joint_pose_covariance(problem: Problem, values: gtsam.Values, keyframes: Sequence[int]) -> FloatArray:
-    """Joint covariance of the poses of ``keyframes`` (each once), shape (M, M, 6, 6), tangents as in GTSAM."""
+@dataclass(frozen=True, eq=False)
+class JointPoses:
+    """Small motions of M poses in their own axes: what a graph, linearised somewhere, says about them."""
+
+    mean: FloatArray
+    """Where it would have them, shape (M, 6); zero where it is linearised at its own solution."""
+    cov: FloatArray
+    """Shape (M, M, 6, 6)."""
+
+
+def joint_poses(problem: Problem, values: gtsam.Values, keyframes: Sequence[int]) -> JointPoses:
+    """Poses of ``keyframes`` (each once) in the problem linearised at ``values``, everything else integrated out."""
     kept = [symbol(k) for k in keyframes for symbol in (X, V, B)]
     if values.exists(DVL_CALIBRATION):
         kept.append(DVL_CALIBRATION)
@@ -42,8 +53,9 @@ def joint_pose_covariance(problem: Problem, values: gtsam.Values, keyframes: Seq
         cov = R_inv @ R_inv.T - row[:, parents] @ G.T
         C[own], C[:, own] = row, row.T
         C[np.ix_(own, own)] = 0.5 * (cov + cov.T)
-    poses: FloatArray = C[: 6 * M, : 6 * M].reshape(M, 6, M, 6).swapaxes(1, 2)
-    return poses
+    step = bayes_net.optimize()
+    mean = np.array([step.at(X(k)) for k in keyframes])
+    return JointPoses(mean, C[: 6 * M, : 6 * M].reshape(M, 6, M, 6).swapaxes(1, 2))
 
 
 def _slots(conditionals: Sequence[gtsam.GaussianConditional], poses: Mapping[int, IndexArray]) -> dict[int, IndexArray]:

@@ -52,11 +52,9 @@ class BetweenKeyframes:
         """Those that a mask or an index array picks."""
         return BetweenKeyframes(self.i[index], self.j[index], self.T[index], self.cov[index], self.sample[index])
 
-    def factors(
-        self, weight: FloatArray | float = 1.0, loss: gtsam.noiseModel.mEstimator.Base | None = None
-    ) -> list[gtsam.NonlinearFactor]:
-        """Native factors, their information multiplied by a weight each."""
-        S = np.sqrt(np.broadcast_to(weight, len(self)))[:, None, None] * sqrt_information(self.cov)
+    def factors(self, loss: gtsam.noiseModel.mEstimator.Base | None = None) -> list[gtsam.NonlinearFactor]:
+        """Native factors."""
+        S = sqrt_information(self.cov)
         return [
             gtsam.BetweenFactorPose3(X(i), X(j), gtsam.Pose3(gtsam.Rot3(R), p), robust(gaussian(s), loss))
             for i, j, R, p, s in zip(self.i.tolist(), self.j.tolist(), self.T.R, self.T.p, S, strict=True)
