@@ -21,8 +21,8 @@ _BUFFER_ROWS: Final = 1_000_000
 _REACH: Final = 1 << 30
 """Cells from the origin that an index can tell."""
 
-_W, _P, _C, _DD, _COUNT = 0, slice(1, 4), slice(4, 7), 7, 8
-_COLUMNS: Final = 9
+_W, _P, _C, _DD, _COMMON, _COUNT = 0, slice(1, 4), slice(4, 7), 7, 8, 9
+_COLUMNS: Final = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +58,15 @@ class Fusion:
         self._rows = np.zeros((0, _COLUMNS))
         self._waiting: list[tuple[NDArray[np.int64], FloatArray]] = []
 
-    def add(self, points_n: FloatArray, colours: FloatArray, sigma: FloatArray) -> None:
-        """Add one keyframe's points (M, 3) with colours (M, 3) and 1-sigma (M,)."""
+    def add(self, points_n: FloatArray, colours: FloatArray, sigma: FloatArray, common: float = 0.0) -> None:
+        """Add a keyframe's points (M, 3), colours (M, 3) and 1-sigma (M,); ``common``: what no second look averages."""
         if not len(points_n):
             return
         w = sigma**-2.0
         down = points_n[:, 2]
-        rows = np.column_stack([w, w[:, None] * points_n, w[:, None] * colours, w * down * down, np.ones(len(w))])
+        rows = np.column_stack(
+            [w, w[:, None] * points_n, w[:, None] * colours, w * down * down, w * common**2, np.ones(len(w))]
+        )
         keys, rows = _merged(self._key(points_n), rows, self.voxel)
         rows[:, :_COUNT] /= rows[:, _COUNT:]
         mean = rows[:, _P][:, 2] / rows[:, _W]
@@ -84,7 +86,8 @@ class Fusion:
         unbiased = variance * count / np.where(several, count - 1.0, 1.0)
         colours = np.clip(rows[:, _C] / w[:, None], 0.0, 255.0).astype(np.uint8)
         spread = np.where(several, np.sqrt(unbiased), np.nan)
-        return Cloud(mean, colours, w**-0.5, spread, count.round().astype(np.int64))
+        sigma = np.sqrt((1.0 + rows[:, _COMMON]) / w)
+        return Cloud(mean, colours, sigma, spread, count.round().astype(np.int64))
 
     def _key(self, points_n: FloatArray) -> NDArray[np.int64]:
         cell = np.floor(points_n[:, :2] / self.voxel)

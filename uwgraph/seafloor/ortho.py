@@ -9,16 +9,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from uwgraph.seafloor.patch import Patch
+from uwgraph.seafloor.patch import Colours, Patch
 from uwgraph.types import BoolArray, FloatArray
 
 FEATHER: Final = 0.15
 """Width of a texture's soft edge, in parts of its shorter side."""
 _STRETCH: Final = 3.0
 """A pixel that covers so many times what is usual in its image is not drawn."""
-_FILLS: Final = 3
-"""Gaps between the pixels of a texture are filled from so many pixels away."""
-_ROUND_A_HOLE: Final = 4
+_LARGEST: Final = 8_000_000
+"""A texture is enlarged to no more pixels."""
+_ROUND_A_GAP: Final = 4
 """Neighbours of 8 that make an empty pixel a gap."""
 
 Canvas = NDArray[np.uint8]
@@ -56,20 +56,38 @@ class Raster:
 
 def lay(canvas: Canvas, raster: Raster, patch: Patch, R_nb: FloatArray, p_n: FloatArray) -> None:
     """Lay a patch's texture onto the canvas, in place."""
-    at = raster.column_row(patch.pixels_n(R_nb, p_n)[..., :2])
-    inside = _smooth(at).ravel()
-    at = at.reshape(-1, 2)
-    inside[inside] &= ((at[inside] >= 0.0) & (at[inside] < [raster.width, raster.height])).all(axis=1)
+    at, texture = _dense(raster.column_row(patch.pixels_n(R_nb, p_n)[..., :2]), patch.texture)
+    inside = _smooth(at)
+    column, row = at[..., 0], at[..., 1]
+    inside &= (column >= 0.0) & (column < raster.width) & (row >= 0.0) & (row < raster.height)
     if not inside.any():
         return
     cell = at[inside].astype(np.intp)
     low, high = cell.min(axis=0), cell.max(axis=0) + 1
-    colours, seen = _gathered(cell - low, high - low, patch.texture.reshape(-1, 3)[inside])
+    colours, seen = _gathered(cell - low, high - low, texture[inside])
     window = canvas[low[1] : high[1], low[0] : high[0]]
     share = np.where(window[..., 3] > 0, _soft(seen), seen.astype(np.float32))[..., None]
     mixed = window[..., :3] * (1.0 - share) + colours * share
     window[..., :3] = np.where(seen[..., None], mixed.round(), window[..., :3])
     window[..., 3] |= np.where(seen, np.uint8(255), np.uint8(0))
+
+
+def _stretch(at: FloatArray) -> FloatArray:
+    """Raster pixels from each pixel (H, W) to the next, the larger of both directions."""
+    steps = [np.abs(np.gradient(at[..., i], axis=axis)) for i in (0, 1) for axis in (0, 1)]
+    return np.asarray(np.maximum.reduce(steps), dtype=np.float64)
+
+
+def _dense(at: FloatArray, texture: Colours) -> tuple[FloatArray, Colours]:
+    """Places (H, W, 2) and texture, enlarged where the raster is finer than they are."""
+    stretch = _stretch(at)
+    usual = float(np.median(stretch[np.isfinite(stretch)])) if np.isfinite(stretch).any() else 1.0
+    times = int(np.clip(np.ceil(usual), 1, max(int(np.sqrt(_LARGEST / stretch.size)), 1)))
+    if times == 1:
+        return at, texture
+    size = (at.shape[1] * times, at.shape[0] * times)
+    larger = (cv2.resize(x, size, interpolation=cv2.INTER_LINEAR) for x in (at, texture))
+    return np.asarray(next(larger), np.float64), np.asarray(next(larger), np.uint8)
 
 
 def _gathered(
@@ -81,20 +99,16 @@ def _gathered(
     count = np.bincount(index, minlength=width * height)
     sums = [np.bincount(index, colours[:, i], minlength=width * height) for i in range(3)]
     total = np.stack([*sums, count], axis=-1).reshape(height, width, 4)
-    for _ in range(_FILLS):
-        near = cv2.boxFilter(total, -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT)
-        around = cv2.boxFilter(
-            (total[..., 3] > 0).astype(np.float32), -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT
-        )
-        hole = (total[..., 3] == 0) & (around >= _ROUND_A_HOLE)
-        total[hole] = near[hole]
+    around = cv2.boxFilter(np.minimum(total, 1.0), -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT)
+    gap = (total[..., 3] == 0) & (around[..., 3] >= _ROUND_A_GAP)
+    total[gap] = cv2.boxFilter(total, -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT)[gap]
     seen = total[..., 3] > 0
     return total[..., :3] / np.maximum(total[..., 3:], 1), seen
 
 
 def _smooth(at: FloatArray) -> BoolArray:
     """Pixels (H, W) that are known, and not stretched over the edge of an obstacle or by a mismatch."""
-    stretch = np.maximum(*(np.abs(np.gradient(at, axis=axis)).max(axis=2) for axis in (0, 1)))
+    stretch = _stretch(at)
     known = np.isfinite(stretch)
     known[known] = stretch[known] < _STRETCH * np.median(stretch[known])
     return np.asarray(known)

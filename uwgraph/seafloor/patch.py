@@ -21,8 +21,8 @@ from uwgraph.types import BoolArray, FloatArray
 MAX_NODES: Final = 4_000_000
 MAX_TEXTURE: Final = 20_000_000
 _MAX_BYTES: Final = 200_000_000
-_SHAPES: Final = {"points_b": 3, "sigma": 2, "measured": 2, "jpeg": 1}
-_KINDS: Final = {"points_b": "f", "sigma": "f", "measured": "b", "jpeg": "u"}
+_SHAPES: Final = {"points_b": 3, "sigma": 2, "common": 0, "measured": 2, "jpeg": 1}
+_KINDS: Final = {"points_b": "f", "sigma": "f", "common": "f", "measured": "b", "jpeg": "u"}
 _JPEG: Final = [cv2.IMWRITE_JPEG_QUALITY, 92]
 
 Colours = NDArray[np.uint8]
@@ -39,6 +39,8 @@ class Patch:
     """In the body frame of that moment, shape (rows, columns, 3), m; NaN where the floor was not seen."""
     sigma: NDArray[np.float32]
     """1-sigma along the line of sight, shape (rows, columns), m; NaN as the points."""
+    common: float
+    """1-sigma that all keyframes have in common, such as the roughness of a floor that is taken as a plane, m."""
     measured: BoolArray
     """False where a point only carries the texture over a gap in the measurements, shape (rows, columns)."""
     texture: Colours
@@ -78,6 +80,7 @@ def write_patch(folder: Path, patch: Patch) -> None:
         folder / patch.file,
         points_b=patch.points_b.astype(np.float32),
         sigma=patch.sigma.astype(np.float32),
+        common=np.float64(patch.common),
         measured=patch.measured,
         jpeg=jpeg.ravel(),
     )
@@ -112,6 +115,7 @@ def read_patch(path: Path) -> Patch:
         t_ns,
         np.where(seen[..., None], points, np.nan).astype(np.float32),
         np.where(seen, sigma, np.nan).astype(np.float32),
+        float(np.clip(np.nan_to_num(values["common"]), 0.0, 1e3)),
         measured & seen,
         texture,
     )

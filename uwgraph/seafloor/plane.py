@@ -1,7 +1,7 @@
 """The floor beneath one camera: a plane through the soundings around the keyframe.
 
 One echo sounder tells the slope along the track, and hardly any across: across, the floor is level with a stated
-1-sigma. What the soundings scatter about the plane is the floor's roughness, and goes into every point's 1-sigma.
+1-sigma. What the soundings scatter about the plane is the floor's roughness: no second look averages it away.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ WINDOW_NS: Final = 30_000_000_000
 """Soundings of another lap, after more time than this, are another keyframe's."""
 REACH: Final = 1.0
 """Width of the weights around the keyframe, in parts of the altitude."""
+ALIKE: Final = 0.5
+"""Soundings closer than this see the same ups and downs, in parts of the altitude."""
 _HUBER: Final = 1.5
 _ROUNDS: Final = 5
 _STEEPEST: Final = 0.15
@@ -80,9 +82,10 @@ def plane_at(soundings: Soundings, t_ns: int, p_n: FloatArray, slope_sigma: floa
     A = np.column_stack([np.ones(len(x)), x[:, :2]])
     prior = np.diag([0.0, slope_sigma**-2, slope_sigma**-2])
     sigma = soundings.sigma[first:last][near]
+    crowd = _crowd(x, ALIKE * reach / REACH)
     theta, robust, rough = np.array([np.median(x[:, 2]), 0.0, 0.0]), np.ones(len(x)), 0.0
     for _ in range(_ROUNDS):
-        information = weight * robust / (sigma**2 + rough**2)
+        information = weight * robust / (sigma**2 + crowd * rough**2)
         H = A.T @ (information[:, None] * A) + prior
         theta = np.linalg.solve(H, A.T @ (information * x[:, 2]))
         left = x[:, 2] - A @ theta
@@ -92,12 +95,19 @@ def plane_at(soundings: Soundings, t_ns: int, p_n: FloatArray, slope_sigma: floa
     return Plane(theta, np.asarray(np.linalg.inv(H), dtype=np.float64), rough)
 
 
+def _crowd(x: FloatArray, alike: float) -> float:
+    """How many soundings (M, 3) in a row see the same ups and downs."""
+    step = np.linalg.norm(np.diff(x[:, :2], axis=0), axis=1)
+    return float(np.clip(alike / max(float(np.mean(step)), 1e-6), 1.0, len(x))) if len(step) else 1.0
+
+
 def meet(
     plane: Plane, rays_b: FloatArray, l_b: FloatArray, R_nb: FloatArray, far: float
 ) -> tuple[FloatArray, FloatArray]:
     """Where rays (..., 3) from ``l_b`` in the body meet the plane, in the body, m, and the 1-sigma along them (...).
 
-    NaN where a ray misses, grazes, or goes farther than ``far``.
+    The 1-sigma is the plane's own, without the floor's roughness. NaN where a ray misses, grazes, or goes farther than
+    ``far``.
     """
     d, o = rays_b @ R_nb.T, R_nb @ l_b
     height, slope = plane.theta[0], plane.theta[1:]
@@ -106,5 +116,5 @@ def meet(
     length = np.where((length > 0.0) & (length < far), length, np.nan)
     at = o + length[..., None] * d
     J = np.concatenate([np.ones_like(at[..., :1]), at[..., :2]], axis=-1)
-    variance = np.einsum("...i,ij,...j->...", J, plane.cov, J) + plane.roughness**2
+    variance = np.einsum("...i,ij,...j->...", J, plane.cov, J)
     return l_b + length[..., None] * rays_b, np.sqrt(variance) / sine

@@ -107,7 +107,7 @@ def render_map(
 
 def _fuse(fusion: Fusion, patch: Patch, points_n: FloatArray) -> None:
     used: NDArray[np.bool_] = patch.measured
-    fusion.add(points_n[used], patch.node_colours()[used], patch.sigma[used].astype(np.float64))
+    fusion.add(points_n[used], patch.node_colours()[used], patch.sigma[used].astype(np.float64), patch.common)
 
 
 def _bounds(points_n: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -45,7 +45,9 @@ class Stereo:
 
     def rectified(self, image: Colours, side: int) -> Colours:
         """The left (0) or right (1) image as its virtual pinhole sees it."""
-        return np.asarray(cv2.remap(image, *self.maps[side], cv2.INTER_LINEAR), dtype=np.uint8)
+        return np.asarray(
+            cv2.remap(image, *self.maps[side], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.uint8
+        )
 
     def disparity_range(self, near: float, far: float) -> tuple[int, int]:
         """Smallest disparity and how many, as StereoSGBM wants them, of points between two distances [m]."""

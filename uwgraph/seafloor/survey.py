@@ -205,7 +205,7 @@ class _PlaneMaker:
         if np.isfinite(sigma).mean() < _ENOUGH:
             raise DataError("the floor is not in sight", where=_named(self.survey, k))
         image = images[0] if light is None else light.corrected(images[0])
-        return _patch(t_ns, points, sigma, np.isfinite(sigma), _reduced(image, self.size), self.step)
+        return _patch(t_ns, points, sigma, plane.roughness, np.isfinite(sigma), _reduced(image, self.size), self.step)
 
 
 class _StereoMaker:
@@ -232,7 +232,7 @@ class _StereoMaker:
         points, sigma = block_points(stereo, filled, sigma_d, step)
         texture = stereo.rectified(images[0] if light is None else light.corrected(images[0]), 0)
         t_ns = int(self.survey.t_ns[k]) + self.survey.offset_ns
-        return _patch(t_ns, points, sigma, measured, texture, step)
+        return _patch(t_ns, points, sigma, 0.0, measured, texture, step)
 
 
 def _plane_through(disparity: FloatArray) -> FloatArray:
@@ -259,7 +259,9 @@ def _named(survey: Survey, k: int) -> str:
     return str(eye.files[int(np.searchsorted(eye.t_ns, survey.t_ns[k]))])
 
 
-def _patch(t_ns: int, points: FloatArray, sigma: FloatArray, measured: BoolArray, texture: Colours, step: int) -> Patch:
+def _patch(
+    t_ns: int, points: FloatArray, sigma: FloatArray, common: float, measured: BoolArray, texture: Colours, step: int
+) -> Patch:
     """The patch, its texture cut to whole blocks."""
     seen = np.isfinite(points).all(axis=2) & np.isfinite(sigma)
     rows, columns = sigma.shape
@@ -267,6 +269,7 @@ def _patch(t_ns: int, points: FloatArray, sigma: FloatArray, measured: BoolArray
         t_ns,
         np.where(seen[..., None], points, np.nan).astype(np.float32),
         np.where(seen, sigma, np.nan).astype(np.float32),
+        common,
         measured & seen,
         texture[: rows * step, : columns * step],
     )
