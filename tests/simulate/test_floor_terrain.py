@@ -125,9 +125,13 @@ def test_photos_that_cannot_be_used_are_refused(tmp_path):
         read_photos(tmp_path / "none", 2.0, 0.005)
     with pytest.raises(DataError, match="holds no photographs"):
         read_photos(tmp_path, 2.0, 0.005)
-    cv2.imwrite(str(tmp_path / "b.png"), np.full((20, 30, 3), 90, np.uint8))
+    cv2.imwrite(str(tmp_path / "b.png"), np.full((64, 90, 3), 90, np.uint8))
     with pytest.raises(DataError, match="no photograph shows"):
         read_photos(tmp_path, 0.3, 0.005)
+    cv2.imwrite(str(tmp_path / "a.png"), np.full((4000, 40), 90, np.uint8))
+    with pytest.raises(DataError, match="40 x 4000"):
+        read_photos(tmp_path, 2.0, 0.005)
+    (tmp_path / "a.png").unlink()
     (tmp_path / "c.jpg").write_bytes(b"not a picture")
     with pytest.raises(DataError, match=r"c\.jpg"):
         read_photos(tmp_path, 2.0, 0.005)

@@ -20,7 +20,7 @@ class Ground(Settings):
     """1-sigma of the gentle ups and downs, m; tiles are flat."""
     stones: Annotated[float, Field(ge=0, le=4)] = 1.0
     """Scale of the number of stones, pebbles and shells."""
-    photo_width_m: Annotated[float, Field(ge=0.2, le=20)] = 2.4
+    photo_width_m: Annotated[float, Field(ge=0.2, le=10)] = 2.4
     """What a photograph shows across."""
     tile_m: Annotated[float, Field(ge=0.1, le=2)] = 0.6
     """Period of ``tiles``."""

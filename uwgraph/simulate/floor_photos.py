@@ -15,7 +15,11 @@ from uwgraph.errors import DataError
 from uwgraph.simulate.floor_noise import Single
 
 SUFFIXES: Final = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
-MOST_PHOTOS: Final = 40
+MOST_PIXELS: Final = 30_000_000
+"""Of all photos together, as they are kept: half a gigabyte."""
+_SMALLEST: Final = 32
+_LONGEST: Final = 5.0
+"""Of height over width."""
 _GAMMA: Final = 2.2
 _MEAN_ALBEDO: Final = 0.2
 _LIGHT_SIZE: Final = 0.18
@@ -42,7 +46,7 @@ class Photo:
 
 
 def read_photos(folder: Path, width_m: float, pixel_m: float) -> tuple[Photo, ...]:
-    """The photographs of a folder, at most :data:`MOST_PHOTOS`, in pixels of ``pixel_m``.
+    """The photographs of a folder in the order of their names, up to :data:`MOST_PIXELS`, in pixels of ``pixel_m``.
 
     Raises
     ------
@@ -54,7 +58,12 @@ def read_photos(folder: Path, width_m: float, pixel_m: float) -> tuple[Photo, ..
     files = sorted(file for file in folder.iterdir() if file.suffix.lower() in SUFFIXES)
     if not files:
         raise DataError(f"holds no photographs ({', '.join(SUFFIXES)})", where=str(folder), remedy="check the folder")
-    photos = tuple(_photo(file, width_m, pixel_m) for file in files[:MOST_PHOTOS])
+    photos, kept = [], 0
+    for file in files:
+        photos.append(_photo(file, width_m, pixel_m))
+        kept += photos[-1].texture[..., 0].size
+        if kept > MOST_PIXELS:
+            break
     usable = tuple(photo for photo in photos if len(photo.centres))
     if not usable:
         raise DataError(
@@ -67,10 +76,13 @@ def read_photos(folder: Path, width_m: float, pixel_m: float) -> tuple[Photo, ..
 
 def _photo(file: Path, width_m: float, pixel_m: float) -> Photo:
     image = read_image(file)
+    height, width = image.shape[:2]
+    if min(height, width) < _SMALLEST or height > _LONGEST * width:
+        raise DataError(f"has {width} x {height} pixels", where=str(file), remedy="give a photograph")
     full = float(np.iinfo(image.dtype).max)
     image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image
-    scale = width_m / (pixel_m * image.shape[1])
-    size = tuple(max(round(extent * scale), 8) for extent in (image.shape[1], image.shape[0]))
+    scale = width_m / (pixel_m * width)
+    size = (max(round(width * scale), 8), max(round(height * scale), 8))
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA if scale < 1.0 else cv2.INTER_CUBIC)
     linear = (np.asarray(small, dtype=np.float32) / np.float32(full)) ** np.float32(_GAMMA)
     light, floor = _light(linear.mean(axis=2))
@@ -91,14 +103,17 @@ def _light(brightness: Single) -> tuple[Single, NDArray[np.bool_]]:
     glare = bright > _GLARE * float(np.quantile(bright[::4, ::4], _BRIGHT_FLOOR))
     reach = max(round(0.04 * brightness.shape[1]), 1)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
-    floor = cv2.dilate(_opened(glare), disc) == 0
+    floor = cv2.dilate(_long(glare, reach), disc) == 0
     light = np.exp(_mean_over(np.log(brightness + np.float32(1e-4)), floor))
     return light, floor & (light > _DARKEST * light.max())
 
 
-def _opened(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Without specks: shells and pebbles are floor."""
-    return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)), np.uint8)
+def _long(mask: NDArray[np.bool_], extent: int) -> NDArray[np.uint8]:
+    """The connected parts that reach over ``extent`` pixels or more: shells and pebbles are floor."""
+    _, label, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    kept = stats[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(axis=1) >= extent
+    kept[0] = False
+    return np.asarray(kept[label], dtype=np.uint8)
 
 
 def _mean_over(values: Single, where: NDArray[np.bool_]) -> Single:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any, Final
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -14,7 +13,7 @@ from uwgraph.simulate.floor_model import Ground
 from uwgraph.simulate.floor_noise import Grid, Single, fractal
 from uwgraph.simulate.floor_photos import Photo
 from uwgraph.simulate.floor_stones import raise_stones
-from uwgraph.simulate.floor_texture import Texture, decoded
+from uwgraph.simulate.floor_texture import Texture
 from uwgraph.types import FloatArray
 
 TEXEL_M: Final = 0.004
@@ -136,10 +135,3 @@ class Terrain:
         if self.ground.texture == "natural":
             raise_stones(height, self.seed, grid, self.ground.stones)
         return height
-
-
-def seen_from_above(terrain: Terrain, first: tuple[int, int], shape: tuple[int, int], every: int = 1) -> Single:
-    """Albedo picture (rows, columns, 3), north up, of texels from ``first`` on, shrunk ``every`` times."""
-    picture = decoded(terrain.colours.crop(first, shape))[::-1]
-    size = (shape[1] // every, shape[0] // every)
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
