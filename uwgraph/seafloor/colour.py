@@ -31,6 +31,8 @@ _ALIKE: Final = 1.25
 _ENOUGH: Final = 5
 """So many images tell a light of their own."""
 _UNKNOWN: Final = np.iinfo(np.int64).min
+_SAMPLE: Final = 100_000
+"""Values of an image that tell its brightness."""
 _LEAST: Final = 2.0
 """Grey levels: no channel is amplified as if it varied by less."""
 
@@ -53,7 +55,8 @@ class Light:
             cv2.resize(field, size, interpolation=cv2.INTER_LINEAR) for field in (self.mean, self.deviation)
         )
         even = (image.astype(np.float32) - mean) / deviation
-        even -= np.median(even[::8, ::8].reshape(-1, 3), axis=0)
+        step = max(int(np.sqrt(even.size / _SAMPLE)), 1)
+        even -= np.median(even[::step, ::step].reshape(-1, 3), axis=0)
         return np.asarray(np.clip(MEAN + DEVIATION * even, 0.0, 255.0), dtype=np.uint8)
 
 

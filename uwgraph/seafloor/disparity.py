@@ -20,12 +20,13 @@ Pixels = NDArray[np.float32]
 
 _BLOCK: Final = 5
 _CLAHE: Final = (2.0, (8, 8))
-_WINDOW: Final = 11
-_STEPS: Final = 3
+_WINDOW: Final = 3.0
+"""Pixels: width of the bell that weights a match."""
+_SMOOTH: Final = 2.0
+"""Pixels: disparities are smooth to about this."""
+_STEPS: Final = 4
 _FARTHEST_STEP: Final = 1.0
 """Pixels: who is refined by more was mismatched."""
-_CORRELATED: Final = 2.5
-"""Pixels over which what is left of a match is correlated, by interpolation, blur and compression."""
 _FLAT: Final = 1e-3
 """Grey levels squared: variance of slope below which there is no texture."""
 _WORST: Final = 0.5
@@ -76,30 +77,45 @@ def _refined(left: Pixels, right: Pixels, start: Pixels) -> tuple[Pixels, Pixels
     """Disparities d with right(u - d) = left(u) up to brightness, by least squares in a window, and their 1-sigma."""
     known = np.isfinite(start)
     mask = known.astype(np.float32)
-    first = _box(np.where(known, start, 0.0), _BLOCK) / np.maximum(_box(mask, _BLOCK), 1e-3)
+    first = _mean(np.where(known, start, 0.0), mask, _SMOOTH)
     u, v = np.meshgrid(np.arange(start.shape[1], dtype=np.float32), np.arange(start.shape[0], dtype=np.float32))
-    share = np.maximum(_box(mask, _WINDOW), 1.0 / _WINDOW**2)
     slope_left = cv2.Sobel(left, cv2.CV_32F, 1, 0, ksize=1)
-    d = first.copy()
+    d = first
     for _ in range(_STEPS):
         seen = cv2.remap(right, u - d, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         slope = 0.25 * (cv2.Sobel(seen, cv2.CV_32F, 1, 0, ksize=1) + slope_left)
         off = seen - left
         mean_slope, mean_off, slopes, offs, both = (
-            _box(x * mask, _WINDOW) / share for x in (slope, off, slope * slope, off * off, slope * off)
+            _mean(x, mask, _WINDOW) for x in (slope, off, slope * slope, off * off, slope * off)
         )
         slopes = np.maximum(slopes - mean_slope**2, _FLAT)
         both -= mean_slope * mean_off
-        d = np.where(known, d + np.clip(both / slopes, -0.5, 0.5), first)
+        # ripples finer than the window are seen by none of the windows: they would stay
+        d = _mean(d + np.clip(both / slopes, -0.5, 0.5), mask, _SMOOTH)
     unexplained = np.maximum(offs - mean_off**2 - both**2 / slopes, 0.0)
-    sigma = _CORRELATED * np.sqrt(unexplained / slopes / (_WINDOW**2 * share))
+    count = 4.0 * np.pi * _WINDOW**2 * np.maximum(_blur(mask, _WINDOW), _FLAT)  # of equal weights that average as well
+    alike = _correlated(off - mean_off - both / slopes * (slope - mean_slope), known)
+    sigma = np.sqrt(alike * unexplained / slopes / count)
     good = known & (np.abs(d - first) < _FARTHEST_STEP) & (sigma < _WORST) & (slopes > _FLAT)
     return np.where(good, d, np.float32(np.nan)), np.where(good, sigma, np.float32(np.nan))
 
 
-def _box(x: Pixels, size: int) -> Pixels:
-    """Means over windows of ``size`` x ``size`` pixels."""
-    return np.asarray(cv2.boxFilter(x.astype(np.float32), -1, (size, size)))
+def _correlated(left: Pixels, known: NDArray[np.bool_]) -> float:
+    """How many neighbouring pixels err alike, by blur, interpolation and compression: of residuals (H, W)."""
+    left = np.where(known, left, np.float32(0.0))
+    power = float(np.mean(left * left)) or 1.0
+    rho = [float(np.mean(a * b)) / power for a, b in ((left[1:], left[:-1]), (left[:, 1:], left[:, :-1]))]
+    down, across = np.clip(rho, 0.0, 0.95)  # as of a first-order process
+    return float((1.0 + down) / (1.0 - down) * (1.0 + across) / (1.0 - across))
+
+
+def _mean(x: Pixels, mask: Pixels, sigma: float) -> Pixels:
+    """Means weighted by a bell of ``sigma`` pixels, over the pixels of the mask."""
+    return np.asarray(_blur(x * mask, sigma) / np.maximum(_blur(mask, sigma), _FLAT), dtype=np.float32)
+
+
+def _blur(x: Pixels, sigma: float) -> Pixels:
+    return np.asarray(cv2.GaussianBlur(x.astype(np.float32), (0, 0), sigma), dtype=np.float32)
 
 
 def _median(pixels: Pixels, step: int) -> FloatArray:

@@ -86,7 +86,7 @@ def map_figures(found: SeafloorMap, links: Pairs) -> dict[str, Any]:
         "voxel_m": found.voxel,
         "pixel_m": found.raster.pixel,
         "sigma_m": float(np.median(cloud.sigma)) if len(cloud) else None,
-        "spread_m": float(np.median(cloud.spread[several])) if several.any() else None,
+        "spread_m": float(np.sqrt(np.mean(cloud.spread[several] ** 2))) if several.any() else None,
         "closures": len(links),
     }
 

@@ -73,9 +73,14 @@ def lay(canvas: Canvas, raster: Raster, patch: Patch, R_nb: FloatArray, p_n: Flo
 
 
 def _stretch(at: FloatArray) -> FloatArray:
-    """Raster pixels from each pixel (H, W) to the next, the larger of both directions."""
-    steps = [np.abs(np.gradient(at[..., i], axis=axis)) for i in (0, 1) for axis in (0, 1)]
-    return np.asarray(np.maximum.reduce(steps), dtype=np.float64)
+    """Raster pixels from each pixel (H, W) to its neighbours, the most of all; NaN beside what is not known."""
+    down, across = (_larger(np.abs(np.diff(at, axis=axis))) for axis in (0, 1))
+    down, across = np.pad(down, ((1, 1), (0, 0)), mode="edge"), np.pad(across, ((0, 0), (1, 1)), mode="edge")
+    return np.asarray(np.maximum.reduce([down[1:], down[:-1], across[:, 1:], across[:, :-1]]), dtype=np.float64)
+
+
+def _larger(pair: FloatArray) -> FloatArray:
+    return np.asarray(np.maximum(pair[..., 0], pair[..., 1]))
 
 
 def _dense(at: FloatArray, texture: Colours) -> tuple[FloatArray, Colours]:

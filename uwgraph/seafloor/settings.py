@@ -27,7 +27,7 @@ class MapSettings(Settings):
     """Points farther than this are not kept, in parts of the usual altitude (its upper quartile)."""
     slope_sigma: Positive = 0.1
     """1-sigma of the floor's slope across the track, which one echo sounder does not tell (metres per metre)."""
-    disparity_sigma: Positive = 0.06
+    disparity_sigma: Positive = 0.03
     """Pixels; what the disparities of a stereo pair err by whatever the texture."""
     texture_pixels: Annotated[int, Field(ge=10_000, le=20_000_000)] = 1_000_000
     """Larger images are reduced to about so many pixels."""
