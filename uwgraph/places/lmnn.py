@@ -39,15 +39,16 @@ class LMNN(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
         Rows of L. None: all features (with ``init="pca"`` no more than there are samples).
     n_neighbors : int, default=5
         Target neighbours of each point: the nearest of its class at the start. Smaller classes have fewer.
-    push_weight : float, default=0.5
+    push_weight : float, default=0.3
         mu, in (0, 1]: pushing impostors away weighs mu, pulling target neighbours near 1 - mu.
     shrinkage : float, default=1.0
         Weight of |M - M_0|^2 / |M_0|^2 per sample, which holds the metric M = L^T L near that of the start; 0 is the
-        published objective.
+        published objective. Where most of the variance has nothing to do with the class, take less.
     init : {"pca", "identity"} or array of shape (n_components, n_features), default="pca"
         L at the start, up to a factor that is found.
     solver : {"lbfgs", "projected"}, default="lbfgs"
-        L-BFGS on L, or projected gradient on M, which is convex; of M the n_components largest directions are kept.
+        L-BFGS on L, or projected gradient on M, which is convex but can end at a kink, a little higher; of M the
+        n_components largest directions are kept.
     max_iter : int, default=100
     tol : float, default=1e-4
         Relative fall of the objective (in an iteration, or in five of the projected gradient) at which the solver ends.
@@ -71,6 +72,8 @@ class LMNN(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
 
     Notes
     -----
+    Target neighbours are not sought again: ``init=fitted.components_`` starts from what was learned, with new ones.
+
     With one class, or no class of two samples, there is nothing to learn: a warning is given, and the start returned.
     """
 
@@ -93,7 +96,7 @@ class LMNN(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
         n_components: int | None = None,
         *,
         n_neighbors: int = 5,
-        push_weight: float = 0.5,
+        push_weight: float = 0.3,
         shrinkage: float = 1.0,
         init: str | FloatArray = "pca",
         solver: str = "lbfgs",
