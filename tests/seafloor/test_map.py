@@ -14,10 +14,11 @@ import pytest
 from floor_scene import Scene, height_error
 from scipy.spatial.transform import Rotation
 
-from uwgraph.errors import ConfigError, DataError
+from uwgraph.camera.eyes import choose_eyes
+from uwgraph.errors import DataError
 from uwgraph.export import Track
 from uwgraph.frames import geodetic_from_ned, rph_from_matrix
-from uwgraph.seafloor import MapSettings, choose_eyes, deform_map, make_map
+from uwgraph.seafloor import MapSettings, deform_map, make_map
 from uwgraph.seafloor.patch import read_patch
 from uwgraph.seafloor.poses import poses_at
 from uwgraph.types import FloatArray, RelativePoses
@@ -121,6 +122,8 @@ def test_closures_are_links_of_the_graph(stereo_scene: Scene, stereo_map: Path, 
     assert len(graph["nodes"]) == 36
     assert [(x["source"], x["target"]) for x in graph["links"] if x["kind"] == "closure"] == [(2, 25), (3, 26)]
     assert sum(x["kind"] == "way" for x in graph["links"]) == 35
+    refused = deform_map(dive, stereo_map, stereo_scene.truth, tmp_path / "n", closures_ns=t_ns[ends[:1]])
+    assert refused["closures"] == 1
 
 
 def _broken(scene: Scene, spoil: Callable[[Path], None], place: Path) -> Path:
@@ -192,22 +195,3 @@ def test_part_of_the_way_and_fewer_keyframes(mono_scene: Scene, tmp_path: Path) 
     assert figures["left_out"]["close to the last keyframe"] >= 5
     assert figures["voxel_m"] == 0.1
     assert figures["pixel_m"] == 0.05
-
-
-def test_cameras_are_chosen_by_where_they_look(stereo_scene: Scene, mono_scene: Scene) -> None:
-    dive, folder = stereo_scene.dive, stereo_scene.folder
-    assert choose_eyes(dive, folder).names == ("down", "down_right")
-    assert choose_eyes(dive, folder, "down_right", "down").names == ("down", "down_right")
-    assert choose_eyes(dive, folder, "down_right").names == ("down_right",)
-    shifted = replace(dive.images["down_right"], t_ns=dive.images["down_right"].t_ns + 7)
-    apart = replace(dive, images={**dive.images, "down_right": shifted})
-    with pytest.raises(ConfigError, match="several cameras look down"):
-        choose_eyes(apart, folder)
-    with pytest.raises(ConfigError, match="share no stamps"):
-        choose_eyes(apart, folder, "down", "down_right")
-    with pytest.raises(ConfigError, match="no camera 'sky'"):
-        choose_eyes(mono_scene.dive, mono_scene.folder, "sky")
-    with pytest.raises(ConfigError, match="no camera looks down"):
-        choose_eyes(replace(dive, images={}), folder)
-    with pytest.raises(ConfigError, match="without a first"):
-        choose_eyes(dive, folder, None, "down")

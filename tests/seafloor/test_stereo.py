@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from uwgraph.camera.model import DOWN_FORWARD, Camera, Model, Port
 from uwgraph.errors import ConfigError
-from uwgraph.seafloor.stereo import Stereo, block_points, is_left, stereo_of
+from uwgraph.seafloor.stereo import Stereo, block_points, stereo_of
 
 N = 1.34
 
@@ -68,13 +68,6 @@ def test_blocks_become_the_points_they_came_from() -> None:
     np.testing.assert_allclose(p_v[0, 0, :2] / z[0, 0] * stereo.f + stereo.c, [3.5, 3.5], atol=1e-9)
     along = np.linalg.norm(p_v, axis=-1) / z
     np.testing.assert_allclose(sigma, z**2 / (stereo.f * stereo.baseline) * 0.1 * along)
-
-
-def test_left_is_where_the_other_is_along_growing_columns() -> None:
-    assert is_left(camera(), camera(y=0.2))
-    assert not is_left(camera(y=0.2), camera())
-    below = replace(camera(), l_b=np.array([-0.2, 0.0, 0.2]))  # one above the other: along growing rows
-    assert is_left(camera(), below)
 
 
 def test_large_images_are_reduced() -> None:

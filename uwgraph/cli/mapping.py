@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
-from uwgraph.cli.console import Progress, note, print_json, print_metrics, progress_bar
+from uwgraph.cli.console import note, print_json, print_metrics, progress_bar
 from uwgraph.errors import ConfigError
-
-if TYPE_CHECKING:
-    from uwgraph.dive import Dive
-    from uwgraph.export import Track
 
 EXAMPLES = """Examples:
 
@@ -61,9 +57,12 @@ def map_(
     force: Annotated[bool, typer.Option("--force", help="Replace an earlier map.")] = False,
 ) -> None:
     """Map the sea floor: a point cloud (PLY), a picture from above, and the graph of places."""
+    from uwgraph.camera.eyes import choose_eyes
     from uwgraph.cli.options import settings_from
+    from uwgraph.cli.source import load_track
     from uwgraph.dive.folder import read_dive
-    from uwgraph.seafloor import MapSettings, choose_eyes, deform_map, make_map
+    from uwgraph.seafloor import MapSettings, deform_map, make_map
+    from uwgraph.seafloor.links import closures_of_result
 
     asked = {"voxel_m": voxel_m, "pixel_m": pixel_m, "n": n}
     wanted = settings_from(MapSettings, settings, asked)
@@ -77,31 +76,23 @@ def map_(
     eyes = None if source is not None else choose_eyes(loaded, dive, camera, right)
     title = dive.resolve().name
     with progress_bar() as progress:
-        track = _track(loaded, solution, along, progress)
+        track = load_track(loaded, solution, along, progress)
+        ends = None if solution is None else closures_of_result(solution)
         if eyes is None:
             assert source is not None
-            figures = deform_map(loaded, source, track, out, overwrite=force, title=title, progress=progress)
+            figures = deform_map(
+                loaded, source, track, out, closures_ns=ends, overwrite=force, title=title, progress=progress
+            )
         else:
-            figures = make_map(loaded, eyes, track, out, wanted, overwrite=force, title=title, progress=progress)
+            figures = make_map(
+                loaded, eyes, track, out, wanted, closures_ns=ends, overwrite=force, title=title, progress=progress
+            )
     if as_json:
         print_json(figures | {"output": str(out)})
     else:
         print_metrics(figures, str(dive))
         _tell_left_out(figures)
         note(f"map in {out}")
-
-
-def _track(dive: Dive, solution: Path | None, along: str, progress: Progress) -> Track:
-    from uwgraph.export import read_result, track_of_reference, track_of_solution
-    from uwgraph.graph import smooth
-
-    if along == "reference":
-        if solution is not None:
-            raise ConfigError("a solution is of no use along the reference", where="--along", remedy="leave one out")
-        return track_of_reference(dive)
-    if solution is not None:
-        return read_result(solution)
-    return track_of_solution(smooth(dive, progress=progress))
 
 
 def _tell_left_out(figures: dict[str, Any]) -> None:

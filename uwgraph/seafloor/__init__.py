@@ -1,7 +1,6 @@
 """The map of the sea floor: points and mosaics from a dive's images along its solution."""
 
-from uwgraph.seafloor.cameras import Eye, Eyes, choose_eyes
 from uwgraph.seafloor.make import deform_map, make_map
 from uwgraph.seafloor.settings import MapSettings
 
-__all__ = ["Eye", "Eyes", "MapSettings", "choose_eyes", "deform_map", "make_map"]
+__all__ = ["MapSettings", "deform_map", "make_map"]

@@ -39,6 +39,13 @@ _LEAST: Final = 2.0
 Field = NDArray[np.float32]
 
 
+def as_colours(image: NDArray[Any]) -> Colours:
+    """An image as it was recorded, (H, W) or (H, W, 3) of 8 or 16 bits, in three colours of 8 bits."""
+    if image.dtype == np.uint16:
+        image = (image >> 8).astype(np.uint8)
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image, dtype=np.uint8)
+
+
 @dataclass(frozen=True, eq=False)
 class Light:
     """What a camera sees on average, at every cell of a coarse grid."""

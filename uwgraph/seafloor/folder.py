@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 import yaml
 
-from uwgraph.dive.model import Dive
 from uwgraph.dive.yamlfile import read_settings
 from uwgraph.errors import DataError
 from uwgraph.plain import json_values
@@ -59,9 +58,11 @@ def write_map_settings(folder: Path, settings: MapSettings) -> None:
     (folder / SETTINGS).write_text(yaml.safe_dump(settings.model_dump(mode="json"), sort_keys=False), encoding="utf-8")
 
 
-def write_products(folder: Path, found: SeafloorMap, dive: Dive, about: dict[str, Any], title: str) -> dict[str, Any]:
+def write_products(
+    folder: Path, found: SeafloorMap, closures_ns: Pairs, about: dict[str, Any], title: str
+) -> dict[str, Any]:
     """Write everything but the patches into a folder, and return the figures of the report, ``about`` among them."""
-    links = closure_links(dive, found.t_ns)
+    links = closure_links(closures_ns, found.t_ns)
     down = float(np.median(found.cloud.points_n[:, 2])) if len(found.cloud) else 0.0
     place = georeference(found.raster, found.origin, down)
     figures = about | map_figures(found, links)

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from uwgraph.atomic import atomic_folder, refuse_taken
+from uwgraph.camera.eyes import Eyes
 from uwgraph.dive.model import Dive
 from uwgraph.errors import DataError
 from uwgraph.export.track import Track
-from uwgraph.seafloor.cameras import Eyes
 from uwgraph.seafloor.clean import open3d
 from uwgraph.seafloor.folder import (
     KEYFRAMES,
@@ -22,6 +22,7 @@ from uwgraph.seafloor.folder import (
     write_map_settings,
     write_products,
 )
+from uwgraph.seafloor.links import Pairs, verified_closures
 from uwgraph.seafloor.patch import write_patch
 from uwgraph.seafloor.render import render_map
 from uwgraph.seafloor.settings import MapSettings
@@ -37,13 +38,15 @@ def make_map(
     out: str | Path,
     settings: MapSettings | None = None,
     *,
+    closures_ns: Pairs | None = None,
     overwrite: bool = False,
     title: str = "",
     progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Map the floor that ``eyes`` saw along ``track`` into the folder ``out``, whole or not at all.
 
-    Images that are missing or damaged, or do not show the floor, are left out and counted.
+    Images that are missing or damaged, or do not show the floor, are left out and counted. ``closures_ns``, shape
+    (L, 2), are the moments of the closures that the track rests on; where not given, those that the dive has verified.
 
     Returns
     -------
@@ -85,7 +88,7 @@ def make_map(
             "left_out": survey.left_out,
             "refused": _reasons(refused),
         }
-        return _render(dive, track, folder, settings, about, title, tell)
+        return _render(dive, track, folder, settings, closures_ns, about, title, tell)
 
 
 def deform_map(
@@ -94,6 +97,7 @@ def deform_map(
     track: Track,
     out: str | Path,
     *,
+    closures_ns: Pairs | None = None,
     overwrite: bool = False,
     title: str = "",
     progress: Progress | None = None,
@@ -112,7 +116,7 @@ def deform_map(
         (folder / KEYFRAMES).mkdir()
         for file in files:
             shutil.copyfile(file, folder / KEYFRAMES / file.name)
-        return _render(dive, track, folder, settings, {"deformed_from": str(origin)}, title, tell)
+        return _render(dive, track, folder, settings, closures_ns, {"deformed_from": str(origin)}, title, tell)
 
 
 def _render(
@@ -120,6 +124,7 @@ def _render(
     track: Track,
     folder: Path,
     settings: MapSettings,
+    closures_ns: Pairs | None,
     about: dict[str, Any],
     title: str,
     tell: Progress,
@@ -136,7 +141,8 @@ def _render(
         progress=tell,
     )
     tell("writing", 0.0)
-    return write_products(folder, found, dive, about, title)
+    ends = verified_closures(dive) if closures_ns is None else closures_ns
+    return write_products(folder, found, ends, about, title)
 
 
 def _reasons(refused: list[str]) -> dict[str, int]:

@@ -56,12 +56,6 @@ class Stereo:
         return low, int(np.clip(count, 16, min(_MAX_DISPARITIES, self.size[0] // 32 * 16)))
 
 
-def is_left(first: Camera, second: Camera) -> bool:
-    """Whether the first is the left one of a pair: the other sits where its columns (or rows) grow."""
-    across, along, _ = (second.l_b - first.l_b) @ first.R_bs
-    return bool((across if abs(across) >= abs(along) else along) >= 0.0)
-
-
 def stereo_of(left: Camera, right: Camera, n: float, max_pixels: int) -> Stereo:
     """The rectification of two cameras in a medium of refractive index ``n``.
 

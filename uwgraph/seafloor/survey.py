@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from uwgraph.camera.eyes import Eyes
 from uwgraph.dive.model import Dive
 from uwgraph.errors import DataError
 from uwgraph.export.track import Track
-from uwgraph.seafloor.cameras import Eyes
-from uwgraph.seafloor.colour import Light, bands, light_of
+from uwgraph.seafloor.colour import Light, as_colours, bands, light_of
 from uwgraph.seafloor.disparity import blocks, match
 from uwgraph.seafloor.patch import Colours, Patch
 from uwgraph.seafloor.plane import Soundings, meet, plane_at, sounded
@@ -41,10 +41,10 @@ class Survey:
     """What the patches are made from: which keyframes, with which poses, at which distances."""
 
     eyes: Eyes
+    index: NDArray[np.intp]
+    """Of each keyframe among the images, shape (K,)."""
     t_ns: TimeArray
-    """Keyframes as the images are stamped, shape (K,)."""
-    offset_ns: int
-    """Added to the images' stamps to get the dive's clock."""
+    """Of the keyframes on the dive's clock, shape (K,)."""
     poses: Poses
     """At the keyframes."""
     soundings: Soundings | None
@@ -104,8 +104,8 @@ def plan_survey(dive: Dive, eyes: Eyes, track: Track, settings: MapSettings) -> 
     }
     return Survey(
         eyes,
-        eyes.t_ns[covered][chosen],
-        dive.rig.visual.time_offset_ns,
+        np.flatnonzero(covered)[chosen],
+        stamps[covered][chosen],
         seen.select(chosen),
         soundings,
         altitude[chosen],
@@ -120,13 +120,13 @@ def patches(survey: Survey, settings: MapSettings, progress: Progress | None = N
     """The patch of every keyframe in order of time, or in words why it has none; one is in memory at a time."""
     lights = _lights(survey)
     maker = _StereoMaker(survey, settings) if survey.eyes.second is not None else _PlaneMaker(survey, settings)
-    for number, stamp in enumerate(survey.t_ns.tolist(), start=1):
+    for k in range(len(survey.t_ns)):
         try:
-            yield maker.patch(number - 1, survey.eyes.read(stamp), lights[number - 1])
+            yield maker.patch(k, _read(survey, k), lights[k])
         except DataError as error:
             yield f"{error.where}: {error.problem}"
         if progress is not None:
-            progress(number / len(survey.t_ns))
+            progress((k + 1) / len(survey.t_ns))
 
 
 def _altitude_at(soundings: Soundings | None, t_ns: TimeArray) -> FloatArray:
@@ -163,12 +163,17 @@ def _lights(survey: Survey) -> list[Light | None]:
     def sample(members: NDArray[np.intp]) -> Iterator[Colours]:
         for k in members[np.unique(np.linspace(0, len(members) - 1, LIGHT_IMAGES).round().astype(int))]:
             try:
-                yield survey.eyes.read(int(survey.t_ns[k]))[0]
+                yield as_colours(survey.eyes.first.read(int(survey.index[k])))
             except DataError:
                 continue
 
     lights = {name: light_of(sample(np.flatnonzero(band == name))) for name in np.unique(band).tolist()}
     return [lights[name] for name in band.tolist()]
+
+
+def _read(survey: Survey, k: int) -> tuple[Colours, ...]:
+    """The images of a keyframe."""
+    return tuple(as_colours(image) for image in survey.eyes.read(int(survey.index[k])))
 
 
 def _reduced(texture: Colours, size: tuple[int, int]) -> Colours:
@@ -196,7 +201,7 @@ class _PlaneMaker:
         self.l_b = camera.l_b
 
     def patch(self, k: int, images: tuple[Colours, ...], light: Light | None) -> Patch:
-        t_ns = int(self.survey.t_ns[k]) + self.survey.offset_ns
+        t_ns = int(self.survey.t_ns[k])
         R_nb, p_n = self.survey.poses.R_nb[k], self.survey.poses.p_n[k]
         plane = plane_at(self.soundings, t_ns, p_n, self.settings.slope_sigma)
         if plane is None:
@@ -231,7 +236,7 @@ class _StereoMaker:
         sigma_d = np.hypot(np.where(measured, sigma_d, np.nanmax(sigma_d)), self.settings.disparity_sigma)
         points, sigma = block_points(stereo, filled, sigma_d, step)
         texture = stereo.rectified(images[0] if light is None else light.corrected(images[0]), 0)
-        t_ns = int(self.survey.t_ns[k]) + self.survey.offset_ns
+        t_ns = int(self.survey.t_ns[k])
         return _patch(t_ns, points, sigma, 0.0, measured, texture, step)
 
 
@@ -255,8 +260,7 @@ def voxel_of(settings: MapSettings, usual: float) -> float:
 
 
 def _named(survey: Survey, k: int) -> str:
-    eye = survey.eyes.first
-    return str(eye.files[int(np.searchsorted(eye.t_ns, survey.t_ns[k]))])
+    return str(survey.eyes.first.files[int(survey.index[k])])
 
 
 def _patch(
