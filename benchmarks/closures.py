@@ -6,7 +6,7 @@ The dive: an hour around a rectangle of 200 by 100 m at 1.5 m/s, MEMS IMU, DVL a
 after the start, where the vehicle is handed its pose; the heading is the gyro's, and drifts. Closures are derived from
 the truth every 10 s (0.1 m and 0.5 deg, 1-sigma per axis); of these 30 % are then made false: half of them single ones
 anywhere, half in groups of six that agree with each other (one stretch of the way taken for another, or a texture that
-repeats, shifted by a constant of 10 m, 1-sigma per axis). The peer is the same dive without its closures.
+repeats, shifted by a constant of 1 to 30 m, log-uniform). The peer is the same dive without its closures.
 """
 
 from __future__ import annotations

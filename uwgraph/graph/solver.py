@@ -1,4 +1,4 @@
-"""Our own Gauss-Newton loop, damped after Levenberg and Marquardt when a step fails.
+"""Our own Gauss-Newton loop, damped after Levenberg and Marquardt when steps fail.
 
 GTSAM's optimisers eliminate by Cholesky, which fails on tight bias walks, and copy all values for every Python factor.
 This loop eliminates by QR, reports progress, keeps a trace, and stops on time.
@@ -20,6 +20,8 @@ from uwgraph.graph.settings import SmoothSettings
 
 FIRST_DAMPING = 1e-4
 LAST_DAMPING = 1e8
+LOOK_AHEAD = 3
+"""Undamped steps that are allowed to go up."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,11 @@ def solve(problem: Problem, settings: SmoothSettings, progress: Callable[[float]
             delta = _step(linear, ordering, values, damping)
             candidate = values.retract(delta)
             new_error = problem.error(candidate)
-            if np.isfinite(new_error) and new_error <= error * (1.0 + 1e-12) + 1e-9:
+            if _lower(new_error, error):
+                break
+            ahead = _look_ahead(problem, ordering, candidate, error) if damping == 0.0 else None
+            if ahead is not None:
+                candidate, new_error = ahead
                 break
             damping = max(10.0 * damping, FIRST_DAMPING)
             if damping > LAST_DAMPING and number == 1:
@@ -85,6 +91,30 @@ def solve(problem: Problem, settings: SmoothSettings, progress: Callable[[float]
         if time.monotonic() - start > settings.time_limit_s:
             return Solved(values, tuple(trace), False, f"the time limit of {settings.time_limit_s:g} s is over")
     return Solved(values, tuple(trace), False, f"{settings.max_iterations} iterations were not enough")
+
+
+def _lower(new_error: float, error: float) -> bool:
+    return bool(np.isfinite(new_error)) and new_error <= error * (1.0 + 1e-12) + 1e-9
+
+
+def _look_ahead(
+    problem: Problem, ordering: gtsam.Ordering, values: gtsam.Values, error: float
+) -> tuple[gtsam.Values, float] | None:
+    """Go on undamped from where the error is higher, and see whether it soon falls below ``error``.
+
+    A long way that turns as a whole goes up before it goes down: its positions move along tangents, which stretches
+    it, and the next step puts that right (the watchdog of Chamberlain, Powell, Lemarechal & Pedersen 1982). Damping
+    instead would hold every keyframe to its neighbours and take hundreds of steps.
+    """
+    for _ in range(LOOK_AHEAD):
+        try:
+            values = values.retract(_step(problem.linearize(values), ordering, values, 0.0))
+        except SolveError:
+            return None
+        new_error = problem.error(values)
+        if _lower(new_error, error):
+            return values, new_error
+    return None
 
 
 def _step(

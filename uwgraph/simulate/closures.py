@@ -57,8 +57,8 @@ class ClosureModel(RelativePoseNoise):
     """Share of the false ones that come in groups which agree with each other."""
     group: Annotated[int, Field(ge=2)] = 6
     """Closures in such a group, one look after the other."""
-    shift_m: Positive = 10.0
-    """1-sigma per horizontal axis of how far repeated textures lie apart."""
+    shift_m: tuple[Positive, Positive] = (1.0, 30.0)
+    """Least and greatest horizontal distance at which textures repeat (log-uniform)."""
 
 
 class OdometryModel(RelativePoseNoise):
@@ -180,7 +180,8 @@ def _one_for_another(
 
 def _shifted(motion: Motion, model: ClosureModel, claims: _Claims, group: IndexArray, rng: np.random.Generator) -> None:
     """The place is right but for a horizontal shift in n, the same for all."""
-    shift = np.append(rng.normal(0.0, model.shift_m, 2), 0.0)
+    length, course = np.exp(rng.uniform(*np.log(model.shift_m))), rng.uniform(0.0, 2.0 * np.pi)
+    shift = length * np.array([np.cos(course), np.sin(course), 0.0])
     claims.p[group] += np.einsum("nji,j->ni", motion.attitude(claims.before[group]), shift)
     claims.what[group] = SHIFTED
 
