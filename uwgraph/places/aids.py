@@ -37,10 +37,9 @@ class Sounding:
     axis_b: FloatArray
     """Unit vector along its beam, shape (3,)."""
 
-    def expected(self, plane: FloatArray, l_camera: FloatArray) -> float:
-        """The range to a plane seen from the camera; infinite where the beam does not meet it."""
-        closing = float(plane @ self.axis_b)
-        return (1.0 - float(plane @ (self.l_b - l_camera))) / closing if closing > 1e-12 else np.inf
+    def short_of(self, plane: FloatArray, l_camera: FloatArray, ahead: float = 1.0) -> float:
+        """By which part of itself the range is too short for the plane ``plane . X = ahead`` seen from the camera."""
+        return ahead - float(plane @ (self.l_b + self.range * self.axis_b - l_camera))
 
     def meets(self, plane: FloatArray) -> bool:
         """Whether the plane (3,) lies across the beam as a floor does."""
@@ -85,16 +84,16 @@ class Aids:
     def of_slope(self, plane: FloatArray) -> FloatArray:
         """Whitened residual of the tilt of a floor, shape (3,); loose where the vertical is not known."""
         sigma = ANY_SLOPE if self.down_a is None else self.slope_sigma
-        return np.asarray(np.cross(self.floor, plane / np.linalg.norm(plane)) / sigma)
+        normal = plane / np.linalg.norm(plane)
+        return np.asarray((normal - self.floor * (normal @ self.floor)) / sigma)
 
     def of_soundings(
         self, R: FloatArray, c: FloatArray, plane: FloatArray, l_b: FloatArray, relief: float = RELIEF
     ) -> FloatArray:
         """Whitened residuals of the ranges at both moments, shape (0 to 2,); ``relief`` in parts of the range."""
-        seen_from_b = R.T @ plane / (1.0 - plane @ c)
-        pairs = ((self.sounding_a, plane), (self.sounding_b, seen_from_b))
+        seen = ((self.sounding_a, plane, 1.0), (self.sounding_b, R.T @ plane, 1.0 - float(plane @ c)))
         return np.array([
-            (s.expected(pi, l_b) - s.range) / np.hypot(s.sigma, relief * s.range) for s, pi in pairs if s is not None
+            s.short_of(pi, l_b, ahead) / np.hypot(s.sigma / s.range, relief) for s, pi, ahead in seen if s is not None
         ])  # fmt: skip
 
     def of_length(self, R: FloatArray, c: FloatArray, l_b: FloatArray) -> FloatArray:

@@ -35,6 +35,8 @@ class Motion:
     """What the cameras saw."""
     parallax: float = 0.0
     """Median way of the points through the image that is due to the translation, pixels."""
+    flow: float = 0.0
+    """Median way of the points through the image, pixels."""
     metric: bool = False
     """Whether the scale is known."""
 

@@ -22,7 +22,7 @@ from uwgraph.places.plane import (
 )
 from uwgraph.places.solve import Solved, floorlike, solve
 from uwgraph.places.view import View
-from uwgraph.types import BoolArray, FloatArray
+from uwgraph.types import BoolArray
 
 CONFIDENCE: Final = 0.9999
 ITERATIONS: Final = 5000
@@ -30,6 +30,12 @@ GATE: Final = 3.0
 """Points further off than this many sigma do not agree."""
 STEEP: Final = 15.0
 """What it costs (chi-square) to say that a plane is a wall; only to choose between the two planes of one homography."""
+OFF_PLANE: Final = 4.0
+"""What a point costs (chi-square) that has a depth of its own."""
+OUTLIER: Final = 12.0
+"""What a match costs at most."""
+CHANCE: Final = 0.1
+"""Fewer points off the plane than this part of those on it are taken as wrong: an epipolar line is met by chance."""
 AS_WELL: Final = 6.0
 """Two motions explain the images equally well when their costs (chi-square) differ by less."""
 
@@ -48,7 +54,8 @@ class PairSettings(Settings):
 def two_view_motion(a: View, b: View, matches: Matches, aids: Aids, settings: PairSettings | None = None) -> Motion:
     """The motion of the body from one view to the other, from matched features.
 
-    Distinct matches find it (MAGSAC++; homography or essential matrix by GRIC), all mutual ones near it refine it.
+    Distinct matches find it (MAGSAC++, both planes of a homography and the essential matrix), all mutual ones near it
+    refine it, and the best explanation wins, if it is clearly better.
     """
     settings = settings or PairSettings()
     if matches.distinct.sum() < settings.min_inliers:
@@ -68,7 +75,7 @@ def two_view_motion(a: View, b: View, matches: Matches, aids: Aids, settings: Pa
 
 
 def first_guesses(a: View, b: View, aids: Aids, settings: PairSettings) -> list[Geometry]:
-    """Motions that explain the matches (rows of a and b): those of a homography, or that of an essential matrix."""
+    """Motions that explain the matches (rows of a and b): those of a homography, and that of an essential matrix."""
     K = np.diag([2.0 / (a.pixel + b.pixel)] * 2 + [1.0])  # OpenCV's estimators expect pixels
     xa, xb = a.image_plane * K[0, 0], b.image_plane * K[0, 0]
     cv2.setRNGSeed(0)
@@ -82,9 +89,7 @@ def first_guesses(a: View, b: View, aids: Aids, settings: PairSettings) -> list[
         R_s = np.asarray(R_ba).T
         g = Geometry(a.camera.R_bs @ R_s @ b.camera.R_bs.T, -a.camera.R_bs @ R_s @ t.ravel())
         general = [Geometry(g.R, g.c, floor_of(g, a, b, aids.floor, settings.threshold_px))]
-    of_plane = [_gric(pixels_off_plane(g, a, b), 2, 8, settings.noise_px) for g in planar]
-    of_relief = [_gric(np.abs(epipolar(g, a, b)[0]), 3, 5, settings.noise_px) for g in general]
-    return planar if min(of_plane, default=np.inf) <= min(of_relief, default=np.inf) else general
+    return planar + general
 
 
 def _refined(g: Geometry, a: View, b: View, aids: Aids, settings: PairSettings) -> tuple[Solved, BoolArray] | None:
@@ -109,7 +114,10 @@ def agreeing(g: Geometry, a: View, b: View, reach: float) -> tuple[BoolArray, Bo
     rho, pixels = inverse_depths(g, a, b)
     parallax = rho * pixels
     told_apart = (parallax > 2.0 * reach) if g.plane is None else (np.median(parallax) > 2.0 * reach) & (rho > 0.0)
-    return on_plane, on_plane | ((np.abs(epipolar(g, a, b)[0]) < reach) & told_apart)
+    off_plane = (np.abs(epipolar(g, a, b)[0]) < reach) & told_apart & ~on_plane
+    if off_plane.sum() < CHANCE * on_plane.sum():
+        return on_plane, on_plane
+    return on_plane, on_plane | off_plane
 
 
 def _motion(solved: Solved, agree: BoolArray, a: View, b: View) -> Motion:
@@ -119,18 +127,19 @@ def _motion(solved: Solved, agree: BoolArray, a: View, b: View) -> Motion:
     on_plane = 0 if g.plane is None else int((pixels_off_plane(g, a, b) < GATE * solved.sigma)[agree].sum())
     reason = f"{'plane' if on_plane > 0.8 * agree.sum() else 'relief'}{'' if solved.metric else ', no scale'}"
     parallax = float(np.median(np.abs(rho * pixels)))
-    return Motion(
-        p, rotation_vector(g.R), cov, True, reason, int(agree.sum()), agree, g, parallax, solved.metric
-    )  # fmt: skip
+    flow = float(np.median(np.linalg.norm(b.features.uv[agree] - a.features.uv[agree], axis=1)))
+    turn, count = rotation_vector(g.R), int(agree.sum())
+    return Motion(p, turn, cov, True, reason, count, agree, g, parallax, flow, solved.metric)
 
 
 def _cost(solved: Solved, a: View, b: View, aids: Aids, settings: PairSettings) -> float:
-    """Chi-square of the matches (capped), of the aids, and of the plane's tilt."""
-    g = solved.geometry
-    e = np.abs(epipolar(g, a, b)[0]) if g.plane is None else pixels_off_plane(g, a, b)
-    fit = np.minimum((e / max(solved.sigma, settings.noise_px)) ** 2, GATE**2).sum()
+    """Chi-square of the matches, on the plane or, dearer by a free depth, off it, and of the aids."""
+    g, noise = solved.geometry, settings.noise_px
+    fit = (epipolar(g, a, b)[0] / noise) ** 2 + OFF_PLANE
+    if g.plane is not None:
+        fit = np.minimum(fit, (pixels_off_plane(g, a, b) / noise) ** 2)
     steep = 0.0 if g.plane is None or floorlike(g.plane, aids.floor) else STEEP
-    return float(fit + solved.aid_cost + steep)
+    return float(np.minimum(fit, OUTLIER).sum() + solved.aid_cost + steep)
 
 
 def _differ(one: Solved, other: Solved) -> bool:
@@ -138,10 +147,3 @@ def _differ(one: Solved, other: Solved) -> bool:
     turn = rotation_vector(one.geometry.R.T @ other.geometry.R)
     off = np.r_[turn, other.geometry.c - one.geometry.c]
     return float(off @ np.linalg.pinv(one.cov[:6, :6] + other.cov[:6, :6], hermitian=True) @ off) > 22.5
-
-
-def _gric(pixels: FloatArray, structure: int, parameters: int, noise_px: float) -> float:
-    """Geometric robust information criterion (Torr, Phil. Trans. R. Soc. A 356, 1998), d = ``structure``, r = 4."""
-    e2 = np.minimum((pixels / noise_px) ** 2, 2.0 * (4 - structure))
-    n = len(pixels)
-    return float(e2.sum() + np.log(4.0) * structure * n + np.log(4.0 * n) * parameters)

@@ -36,6 +36,10 @@ class View:
     """What turns small changes of a ray into pixels, the pseudo-inverse of ``ray_jacobian``, shape (N, 2, 3)."""
     twins: FloatArray
     """Descriptor distance to the most alike feature elsewhere in the same image, shape (N,)."""
+    points: FloatArray | None = None
+    """With a second camera: places of the features seen from the camera, body axes, shape (N, 3), m; NaN for none."""
+    points_cov: FloatArray | None = None
+    """Their covariance for matches that are off by one pixel, shape (N, 3, 3), m^2."""
 
     def __len__(self) -> int:
         return len(self.rays)
@@ -53,9 +57,18 @@ class View:
 
     def select(self, index: Any) -> View:
         """The view with the features that an index array or a mask picks."""
-        columns = (self.rays, self.ray_jacobian, self.to_pixels, self.twins)
         features = LocalFeatures(self.features.uv[index], self.features.descriptors[index])
-        return View(self.t_ns, features, self.camera, *(column[index] for column in columns))
+        return View(
+            self.t_ns,
+            features,
+            self.camera,
+            self.rays[index],
+            self.ray_jacobian[index],
+            self.to_pixels[index],
+            self.twins[index],
+            None if self.points is None else self.points[index],
+            None if self.points_cov is None else self.points_cov[index],
+        )
 
 
 def view_of(

@@ -1,0 +1,37 @@
+"""Two views, one motion: with places where there are two cameras, else by a plane and what stands out of it."""
+
+from __future__ import annotations
+
+from uwgraph.places.aids import Aids
+from uwgraph.places.matching import match
+from uwgraph.places.motion import Motion
+from uwgraph.places.rivals import rival
+from uwgraph.places.stereo import stereo_motion
+from uwgraph.places.twoview import PairSettings, two_view_motion
+from uwgraph.places.view import View
+
+
+def pair_motion(a: View, b: View, aids: Aids | None = None, settings: PairSettings | None = None) -> Motion:
+    """The motion of the body from view a to view b; not accepted, with the reason, where there is none to be sure of.
+
+    Parameters
+    ----------
+    a, b : View
+        The earlier and the later image of one camera; with places where there is a second one (:mod:`stereo`).
+    aids : Aids, optional
+        What else is known of the pair.
+    settings : PairSettings, optional
+        When two images count as showing the same thing.
+    """
+    aids, settings = aids or Aids(), settings or PairSettings()
+    matches = match(a, b)
+    if a.points is not None and b.points is not None:
+        motion = stereo_motion(a, b, matches, aids, settings.min_inliers)
+    else:
+        motion = two_view_motion(a, b, matches, aids, settings)
+    if not motion.accepted or motion.agreeing is None:
+        return motion
+    others = rival(a, b, matches, motion.agreeing)
+    if others:
+        return motion.refused(f"ambiguous: {others} points agree with another motion, {motion.inliers} with this one")
+    return motion
