@@ -82,7 +82,7 @@ class OnnxDescriber:
 
     def describe(self, image: NDArray[Any], mask: Grey | None = None) -> NDArray[np.float32] | None:
         """See :class:`uwgraph.places.describe.Describer`; what the mask hides is made grey."""
-        grey = enhance(image, self.settings.enhancement or "none")
+        grey = enhance(image, self.settings.enhancement or "none", mask)
         if min(grey.shape) < 2 or grey.std() < self.settings.contrast:
             return None
         colour = _colour(image, grey) if self.settings.enhancement is None else cv2.merge([grey] * 3)

@@ -79,7 +79,7 @@ class VladDescriber:
 
 def features_of(image: NDArray[Any], settings: DescriberSettings, mask: Grey | None = None) -> LocalFeatures:
     """Local features of the enhanced image; ``mask`` is used where it has the size of the image."""
-    grey = enhance(image, settings.enhancement)
+    grey = enhance(image, settings.enhancement, mask)
     return extract(grey, settings.local, mask if mask is not None and mask.shape == grey.shape else None)
 
 

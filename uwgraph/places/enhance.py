@@ -30,7 +30,7 @@ MOST_STATIC: Final = 0.3
 """Where more of the image stands still than this, the vehicle does, not an overlay."""
 
 
-def enhance(image: NDArray[Any], how: Enhancement = "clahe") -> Grey:
+def enhance(image: NDArray[Any], how: Enhancement = "clahe", mask: Grey | None = None) -> Grey:
     """An image as 8-bit grey, shape (H, W), with its local contrast brought out.
 
     Parameters
@@ -44,6 +44,8 @@ def enhance(image: NDArray[Any], how: Enhancement = "clahe") -> Grey:
         is subtracted and what is left is divided by the transmission (dark channel; Drews et al., ICCV workshops,
         2013), then CLAHE. ``"polarization"``: the veil found by its polarization is subtracted, then CLAHE.
         ``"none"``: grey alone.
+    mask : shape (H, W), optional
+        0 where the scene is hidden: what is there is replaced by its surroundings, or it would change their contrast.
 
     Raises
     ------
@@ -53,8 +55,8 @@ def enhance(image: NDArray[Any], how: Enhancement = "clahe") -> Grey:
     if how not in get_args(Enhancement):
         raise ConfigError(f"unknown enhancement {how!r}", remedy=f"use one of {', '.join(get_args(Enhancement))}")
     if how == "polarization":
-        return _equalised(_eight_bits(without_polarized_veil(image)))
-    grey = _grey(image)
+        return _equalised(_filled(_eight_bits(without_polarized_veil(image)), mask))
+    grey = _filled(_grey(image), mask)
     if how == "none" or min(grey.shape) < MIN_SIDE:
         return grey
     if how == "normalise":
@@ -117,12 +119,23 @@ def _grey(image: NDArray[Any]) -> Grey:
     """Counts as 8-bit grey."""
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[:, :, 0]
-    if image.dtype not in (np.uint8, np.uint16) or image.size == 0 or image.shape[2:] not in ((), (3,)):
+    shaped = image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 3)
+    if not shaped or image.dtype not in (np.uint8, np.uint16) or image.size == 0:
         raise ConfigError(
             f"{image.dtype} of shape {image.shape} is no image", remedy="give 8 or 16 bit counts, (H, W) or (H, W, 3)"
         )
     grey: NDArray[Any] = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)) if image.ndim == 3 else image
     return grey if grey.dtype == np.uint8 else _eight_bits(grey)
+
+
+def _filled(grey: Grey, mask: Grey | None) -> Grey:
+    """Where the mask is 0, the mean of what is seen around."""
+    if mask is None or mask.shape != grey.shape or min(grey.shape) < MIN_SIDE or not np.any(mask == 0):
+        return grey
+    seen = (mask > 0).astype(np.float32)
+    sigma = SCALE * max(grey.shape)
+    around = _smooth(grey * seen, sigma) / np.maximum(_smooth(seen, sigma), np.float32(1e-3))
+    return np.where(mask > 0, grey, np.clip(np.rint(around), 0.0, 255.0).astype(np.uint8))
 
 
 def _eight_bits(values: NDArray[Any]) -> Grey:

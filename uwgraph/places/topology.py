@@ -185,12 +185,10 @@ class TopologicalMap:
     def merge_similar(self) -> int:
         """Merge neighbours whose first samples pass both gates, as after poses were corrected; how many went."""
         before = len(self._nodes)
-        for a, b in self.edges:
-            if a not in self._nodes or b not in self._nodes:
-                continue
-            first, second = self._nodes[a].key, self._nodes[b].key
-            if self._gated(self.descriptors[first], self._poses[first], second) <= self.settings.gate:
-                self.merge(a, b)
+        while pairs := [edge for edge in self.edges if self._similar(*edge)]:
+            for a, b in pairs:
+                if a in self._nodes and b in self._nodes:
+                    self.merge(a, b)
         return before - len(self._nodes)
 
     def move(self, poses: FloatArray) -> None:
@@ -244,6 +242,10 @@ class TopologicalMap:
         distance = [self._gated(z, pose, self._nodes[node].key) for node in near]
         best = int(np.argmin(distance))
         return near[best] if distance[best] <= self.settings.gate else None
+
+    def _similar(self, a: int, b: int) -> bool:
+        first, second = self._nodes[a].key, self._nodes[b].key
+        return self._gated(self.descriptors[first], self._poses[first], second) <= self.settings.gate
 
     def _gated(self, z: NDArray[np.float32], pose: FloatArray, sample: int) -> float:
         """d_M^2 to a sample, infinite where the positions are too far apart."""
