@@ -159,6 +159,15 @@ def test_bad_images_are_left_out_and_told(stereo_scene: Scene, tmp_path: Path) -
         assert word in told
 
 
+def test_a_stereo_pair_finds_the_floor_without_a_sounder(stereo_scene: Scene, tmp_path: Path) -> None:
+    track = stereo_scene.truth.select(stereo_scene.truth.t_ns < stereo_scene.truth.t_ns[0] + 32 * 10**9)
+    dive = replace(stereo_scene.dive, altitude=None)
+    figures = make_map(dive, choose_eyes(dive, stereo_scene.folder), track, tmp_path / "m", MapSettings(pixel_m=0.04))
+    assert figures["voxel_m"] == pytest.approx(0.03, rel=0.15)
+    assert figures["keyframes"] == 6
+    assert rms(height_error(points_n(tmp_path / "m"))) < 0.02
+
+
 def test_no_usable_image_is_an_error_and_nothing_is_written(mono_scene: Scene, tmp_path: Path) -> None:
     place = _broken(mono_scene, lambda folder: [f.unlink() for f in folder.glob("*.png")], tmp_path / "dive")
     with pytest.raises(DataError, match="none of 36 images"):

@@ -23,10 +23,11 @@ from uwgraph.seafloor.folder import (
     write_products,
 )
 from uwgraph.seafloor.links import Pairs, verified_closures
+from uwgraph.seafloor.measure import patches
 from uwgraph.seafloor.patch import write_patch
 from uwgraph.seafloor.render import render_map
 from uwgraph.seafloor.settings import MapSettings
-from uwgraph.seafloor.survey import patches, plan_survey, voxel_of
+from uwgraph.seafloor.survey import plan_survey, voxel_of
 
 Progress = Callable[[str, float], None]
 
@@ -69,15 +70,15 @@ def make_map(
     with atomic_folder(out, replaces) as folder:
         write_map_settings(folder, settings)
         (folder / KEYFRAMES).mkdir()
-        refused: list[str] = []
+        refused: list[DataError] = []
         for made in patches(survey, settings, lambda share: tell("measuring the floor", share)):
-            if isinstance(made, str):
+            if isinstance(made, DataError):
                 refused.append(made)
             else:
                 write_patch(folder / KEYFRAMES, made)
         if len(refused) == len(survey.t_ns):
             raise DataError(
-                f"none of {len(refused)} images could be used; the first: {refused[0]}",
+                f"none of {len(refused)} images could be used; the first: {refused[0].where}: {refused[0].problem}",
                 where=f"images/{eyes.first.name}",
                 remedy="look at this image, at the camera file, and at the altitudes",
             )
@@ -145,9 +146,9 @@ def _render(
     return write_products(folder, found, ends, about, title)
 
 
-def _reasons(refused: list[str]) -> dict[str, int]:
-    """How often each reason was given, without the names of the files."""
-    return dict(Counter(reason.rpartition(": ")[2] for reason in refused))
+def _reasons(refused: list[DataError]) -> dict[str, int]:
+    """How often each reason was given, without the particulars in brackets."""
+    return dict(Counter(error.problem.partition(" (")[0] for error in refused))
 
 
 def _silent(doing: str, share: float) -> None:

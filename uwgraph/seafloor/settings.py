@@ -11,7 +11,7 @@ from uwgraph.dive.rig import Positive, Settings
 
 
 class MapSettings(Settings):
-    """Settings of :func:`uwgraph.seafloor.survey.survey` and :func:`uwgraph.seafloor.render.render_map`."""
+    """Settings of :func:`uwgraph.seafloor.make_map`."""
 
     voxel_m: Positive | None = None
     """Size of a cell of the fused cloud; None: a hundredth of the median distance to the floor."""
