@@ -16,7 +16,7 @@ from uwgraph.seafloor.render import SeafloorMap
 from uwgraph.types import FloatArray
 
 TRACK, CLOSURE = "#ffd54a", "#ff4fa3"
-_WIDEST_PX: Final = 2400
+_WIDEST_PX: Final = 1600
 _PAPER: Final = 255 * 0.94
 
 
@@ -42,7 +42,7 @@ def map_picture(found: SeafloorMap, links: Pairs, path: Path, title: str = "") -
         axes.set_aspect("equal")
     above.legend(loc="lower left", fontsize=8, framealpha=0.85)
     figure.suptitle(title, x=0.01, ha="left", fontsize=10)
-    figure.savefig(path, dpi=130, format="png")
+    figure.savefig(path, dpi=120, format="png")
 
 
 def _extent(found: SeafloorMap) -> tuple[float, float, float, float]:
