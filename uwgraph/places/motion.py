@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from uwgraph.places.plane import Geometry
-from uwgraph.types import NOT_MEASURED, BoolArray, FloatArray, RelativePoses
+from uwgraph.types import NOT_MEASURED, FloatArray, RelativePoses
 
 SEEN: Final = 4.0
 """A translation shorter than this many of its own 1-sigma has no direction."""
+
+IndexArray = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +31,10 @@ class Motion:
     accepted: bool
     reason: str
     """How it was found, or why not."""
-    inliers: int = 0
-    agreeing: BoolArray | None = None
-    """Which of the matches agree, shape (M,)."""
+    seen_a: IndexArray = field(default_factory=lambda: np.zeros(0, np.intp))
+    """The features of the first view that agree, shape (inliers,)."""
+    seen_b: IndexArray = field(default_factory=lambda: np.zeros(0, np.intp))
+    """Those of the second view, in the same order."""
     geometry: Geometry | None = None
     """What the cameras saw."""
     parallax: float = 0.0
@@ -39,6 +43,11 @@ class Motion:
     """Median way of the points through the image, pixels."""
     metric: bool = False
     """Whether the scale is known."""
+
+    @property
+    def inliers(self) -> int:
+        """How many points agree."""
+        return len(self.seen_a)
 
     def refused(self, reason: str) -> Motion:
         """The same, not accepted."""

@@ -95,7 +95,7 @@ def visual_odometry(
     known, settings = known or Known(), settings or OdometrySettings()
     tracker = _Tracker(known, settings)
     for count, frame in enumerate(frames, 1):
-        view = _view(frame, cameras, settings, mask, n)
+        view = view_of_frame(frame, cameras, settings, mask, n)
         if tracker.last_ns is not None and view.t_ns <= tracker.last_ns:
             raise DataError(
                 f"image {count} is not later than the one before", where="frames", remedy="sort the images by time"
@@ -156,9 +156,10 @@ class _Tracker:
         return _Step(a, b, pair_motion(a, b, self.known.aids(a.t_ns, b.t_ns), self.settings))
 
 
-def _view(
+def view_of_frame(
     frame: Frame, cameras: Camera | tuple[Camera, Camera], settings: OdometrySettings, mask: Grey | None, n: float
 ) -> View:
+    """The view of one moment; of the left camera, with places, where there are two. Arguments as above."""
     t_ns, *images = frame
     pair = cameras if isinstance(cameras, tuple) else (cameras,)
     if len(images) != len(pair):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from uwgraph.places.aids import Aids
 from uwgraph.places.matching import match
 from uwgraph.places.motion import Motion
@@ -29,9 +31,9 @@ def pair_motion(a: View, b: View, aids: Aids | None = None, settings: PairSettin
         motion = stereo_motion(a, b, matches, aids, settings.min_inliers)
     else:
         motion = two_view_motion(a, b, matches, aids, settings)
-    if not motion.accepted or motion.agreeing is None:
+    if not motion.accepted:
         return motion
-    others = rival(a, b, matches, motion.agreeing)
+    others = rival(a, b, matches, np.isin(matches.a, motion.seen_a))
     if others:
         return motion.refused(f"ambiguous: {others} points agree with another motion, {motion.inliers} with this one")
     return motion

@@ -103,7 +103,8 @@ def stereo_motion(a: View, b: View, matches: Matches, aids: Aids, min_inliers: i
         g, sigma = fit.geometry, max(fit.sigma, 0.5 * NOISE_PX)
     p, cov = motion_in_body(g, fit.cov, a.camera.l_b, metric=True)
     moved = float(np.median(np.linalg.norm(vb.features.uv[agree] - va.features.uv[agree], axis=1)))
-    return Motion(p, rotation_vector(g.R), cov, True, "stereo", int(agree.sum()), agree, g, moved, moved, True)
+    seen = matches.a[agree], matches.b[agree]
+    return Motion(p, rotation_vector(g.R), cov, True, "stereo", *seen, g, moved, moved, True)
 
 
 def _first_guess(X_a: FloatArray, X_b: FloatArray, a: View, b: View, index: NDArray[np.intp]) -> Geometry:

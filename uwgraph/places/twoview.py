@@ -68,7 +68,7 @@ def two_view_motion(a: View, b: View, matches: Matches, aids: Aids, settings: Pa
     costs = [_cost(solved, va, vb, aids, settings) for solved, _ in found]
     order = np.argsort(costs)
     solved, agree = found[order[0]]
-    motion = _motion(solved, agree, va, vb)
+    motion = _motion(solved, agree, va, vb, matches)
     if len(found) > 1 and costs[order[1]] - costs[order[0]] < AS_WELL and _differ(solved, found[order[1]][0]):
         return motion.refused("two motions explain the images as well")
     return motion
@@ -120,7 +120,7 @@ def agreeing(g: Geometry, a: View, b: View, reach: float) -> tuple[BoolArray, Bo
     return on_plane, on_plane | off_plane
 
 
-def _motion(solved: Solved, agree: BoolArray, a: View, b: View) -> Motion:
+def _motion(solved: Solved, agree: BoolArray, a: View, b: View, matches: Matches) -> Motion:
     g = solved.geometry
     p, cov = motion_in_body(g, solved.cov[:6, :6], a.camera.l_b, solved.metric)
     rho, pixels = inverse_depths(g, a.select(agree), b.select(agree))
@@ -128,8 +128,8 @@ def _motion(solved: Solved, agree: BoolArray, a: View, b: View) -> Motion:
     reason = f"{'plane' if on_plane > 0.8 * agree.sum() else 'relief'}{'' if solved.metric else ', no scale'}"
     parallax = float(np.median(np.abs(rho * pixels)))
     flow = float(np.median(np.linalg.norm(b.features.uv[agree] - a.features.uv[agree], axis=1)))
-    turn, count = rotation_vector(g.R), int(agree.sum())
-    return Motion(p, turn, cov, True, reason, count, agree, g, parallax, flow, solved.metric)
+    seen = matches.a[agree], matches.b[agree]
+    return Motion(p, rotation_vector(g.R), cov, True, reason, *seen, g, parallax, flow, solved.metric)
 
 
 def _cost(solved: Solved, a: View, b: View, aids: Aids, settings: PairSettings) -> float:
