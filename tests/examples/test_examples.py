@@ -17,7 +17,7 @@ DATA = Path(os.environ.get("UWGRAPH_DATA", ROOT.parent / "shared" / "data"))
 def run(script: str, *arguments: object, data: Path = DATA) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, str(ROOT / "examples" / script), *map(str, arguments)]
     environment = os.environ | {"UWGRAPH_DATA": str(data)}
-    return subprocess.run(command, capture_output=True, text=True, check=False, env=environment, timeout=300)
+    return subprocess.run(command, capture_output=True, text=True, check=False, env=environment, timeout=900)
 
 
 @pytest.mark.parametrize("script", EXAMPLES, ids=lambda p: p.name)
@@ -123,3 +123,21 @@ def test_calibration() -> None:
         assert abs(float(value) - float(numbers[name][-1].rstrip(")"))) < 4.0 * float(sigma)
     rmse = [float(line[-2]) for line in lines if "RMSE" in line]
     assert rmse[1] < rmse[0]
+
+
+def test_learned_metric() -> None:
+    done = run("09_learned_metric.py")
+    assert done.returncode == 0, done.stderr
+    errors = dict(line.split("%")[0].split(":") for line in done.stdout.splitlines()[:2])
+    euclidean, learned = (float(value) for value in errors.values())
+    assert learned < euclidean
+
+
+@pytest.mark.slow
+def test_places_and_map(tmp_path: Path) -> None:
+    done = run("10_places_and_map.py", tmp_path)
+    assert done.returncode == 0, done.stderr
+    rows = {line[:12].strip(): float(line.split()[-2]) for line in done.stdout.splitlines() if "RMSE" in line}
+    assert rows["with images"] < 0.3
+    assert rows["without"] > 10.0 * rows["with images"]
+    assert list((tmp_path / "map").glob("*.ply"))

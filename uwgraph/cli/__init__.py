@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from uwgraph.cli import calibrate, check, demo, export, importing, mapping, simulate, smooth, sun
+from uwgraph.cli import calibrate, check, demo, export, importing, mapping, places, simulate, smooth, sun
 from uwgraph.cli.console import errors_in_words
 
 app = typer.Typer(
@@ -27,6 +27,7 @@ app.command("map", epilog=mapping.EXAMPLES)(mapping.map_)
 app.command("export", epilog=export.EXAMPLES)(export.export)
 app.add_typer(calibrate.app, name="calibrate")
 app.add_typer(sun.app, name="sun")
+app.add_typer(places.app, name="places")
 app.command("demo", epilog=demo.EXAMPLES)(demo.demo)
 
 

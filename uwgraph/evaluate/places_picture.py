@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from uwgraph.atomic import atomic_file
+from uwgraph.camera.eyes import Eye
 from uwgraph.types import FloatArray, RelativePoses, TimeArray
 
 TAKEN, REFUSED, BLUE = "#2a8a4a", "#c0392b", "#1f5fa8"
@@ -31,8 +32,19 @@ class Pair:
     after: NDArray[Any]
 
 
-def shown_rows(closures: RelativePoses, count: int = PAIRS) -> list[int]:
-    """Closures worth a look: accepted ones spread over the dive, then refused ones with the most matches."""
+def shown_pairs(closures: RelativePoses, eye: Eye, count: int = PAIRS) -> list[Pair]:
+    """Closures worth a look, with their images: accepted ones spread over the dive, then refused ones."""
+    rows = {int(t): k for k, t in enumerate(eye.t_ns)}
+    pairs = []
+    for row in _worth_a_look(closures, count):
+        before, after = (rows.get(int(t[row])) for t in (closures.from_ns, closures.t_ns))
+        if before is not None and after is not None:
+            pairs.append(Pair(row, eye.read(before), eye.read(after)))
+    return pairs
+
+
+def _worth_a_look(closures: RelativePoses, count: int) -> list[int]:
+    """Accepted ones spread over the dive, then refused ones with the most matches."""
     accepted, refused = np.flatnonzero(closures.accepted), np.flatnonzero(~closures.accepted)
     refused = refused[np.argsort(-closures.inliers[refused], kind="stable")]
     room = max(count - min(len(refused), count // 3), 0)

@@ -1,0 +1,171 @@
+"""Visual odometry and places seen again of a whole dive: images read once, what looks alike verified by geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Annotated, Final
+
+import numpy as np
+from pydantic import Field
+
+from uwgraph.camera.eyes import Eyes
+from uwgraph.dive import Dive
+from uwgraph.dive.rig import Positive, Settings
+from uwgraph.errors import DataError
+from uwgraph.places.aids import Known
+from uwgraph.places.enhance import Grey
+from uwgraph.places.known import known_of
+from uwgraph.places.learn import still_mask
+from uwgraph.places.model_file import PlaceModel
+from uwgraph.places.motion import Motion, relative_poses
+from uwgraph.places.odometry import Frame, OdometrySettings, view_of_frame, visual_odometry
+from uwgraph.places.topology import TopologicalMap, TopologySettings
+from uwgraph.places.verify import VerifySettings, verify
+from uwgraph.places.view import WATER, View
+from uwgraph.types import FloatArray, RelativePoses
+
+TOPOLOGY: Final = "places.npz"
+"""The topological map, beside the images of its camera."""
+_KEPT: Final = 64
+"""Views of earlier images that are kept, for neighbours in time are candidates of neighbours in time."""
+
+
+class MatchSettings(Settings):
+    """How places seen again are looked for."""
+
+    candidates: Annotated[int, Field(ge=1, le=100)] = 3
+    """Images most alike that are verified, for each image of a keyframe of the odometry."""
+    apart_s: Positive = 20.0
+    """What lies nearer in time is not a place seen again."""
+    odometry: OdometrySettings = OdometrySettings()
+    verify: VerifySettings = VerifySettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Matched:
+    """What the images of a dive say."""
+
+    odometry: RelativePoses
+    closures: RelativePoses
+    """Candidates of every keyframe: accepted, or why not."""
+    topology: TopologicalMap
+    images: int
+    described: int
+    """Images with anything to recognise."""
+    unread: list[str] = field(default_factory=list)
+    """What was wrong with images that could not be read."""
+
+
+def match_places(
+    dive: Dive,
+    eyes: Eyes,
+    model: PlaceModel,
+    poses: FloatArray,
+    settings: MatchSettings | None = None,
+    *,
+    n: float | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> Matched:
+    """Visual odometry through the images of ``eyes``, and every place that they show again.
+
+    Parameters
+    ----------
+    model : PlaceModel
+        Proposes images that look alike.
+    poses : array
+        Where the images were taken: north, east, down and heading, shape (N, 4); NaN where not known. They only tell
+        which neighbouring images are of one node of the topological map.
+    n : float, optional
+        Refractive index before a flat port; that of sea water by default.
+    progress : callable, optional
+        Called with what is being done and how much of it is done.
+
+    Raises
+    ------
+    DataError
+        When no image can be read.
+    """
+    settings, tell = settings or MatchSettings(), progress or (lambda doing, share: None)
+    mask = still_mask(eyes)
+    look = _Look(eyes, settings.odometry, mask, WATER if n is None else n)
+    known = known_of(dive, eyes.t_ns)
+    descriptors: dict[int, FloatArray] = {}
+
+    def frames() -> Iterator[Frame]:
+        for k in range(len(eyes)):
+            tell("visual odometry", k / len(eyes))
+            frame = look.frame(k)
+            if frame is not None:
+                z = model.describe(frame[1], mask)
+                if z is not None:
+                    descriptors[k] = z
+                yield frame
+
+    odometry = visual_odometry(frames(), eyes.cameras, known=known, settings=settings.odometry, mask=mask, n=look.n)
+    if len(look.unread) == len(eyes):
+        raise DataError(f"none of {len(eyes)} images can be read", where=eyes.first.name, remedy=look.unread[0])
+    topology, closures = _closures(eyes, look, known, descriptors, odometry, poses, model.size, settings, tell)
+    return Matched(odometry, closures, topology, len(eyes), len(descriptors), look.unread)
+
+
+class _Look:
+    """Images and their views by number."""
+
+    def __init__(self, eyes: Eyes, settings: OdometrySettings, mask: Grey | None, n: float) -> None:
+        self.eyes, self.settings, self.mask, self.n = eyes, settings, mask, n
+        self.unread: list[str] = []
+        self.view = lru_cache(_KEPT)(self._view)
+
+    def frame(self, k: int) -> Frame | None:
+        """The images of a moment; None, and a line in ``unread``, where one cannot be read."""
+        try:
+            return self._frame(k)
+        except DataError as error:
+            self.unread.append(str(error))
+            return None
+
+    def _frame(self, k: int) -> Frame:
+        t_ns, images = int(self.eyes.t_ns[k]), self.eyes.read(k)
+        return (t_ns, images[0]) if len(images) == 1 else (t_ns, images[0], images[1])
+
+    def _view(self, k: int) -> View:
+        return view_of_frame(self._frame(k), self.eyes.cameras, self.settings, self.mask, self.n)
+
+
+def _closures(
+    eyes: Eyes,
+    look: _Look,
+    known: Known,
+    descriptors: dict[int, FloatArray],
+    odometry: RelativePoses,
+    poses: FloatArray,
+    size: int,
+    settings: MatchSettings,
+    tell: Callable[[str, float], None],
+) -> tuple[TopologicalMap, RelativePoses]:
+    """The topological map of all images, and the candidates of the odometry's keyframes, verified."""
+    topology = TopologicalMap(size, TopologySettings(apart_s=settings.apart_s))
+    keyframes = set(np.concatenate([odometry.from_ns, odometry.t_ns]).tolist())
+    image_of: list[int] = []
+    moments: list[tuple[int, int]] = []
+    motions: list[Motion] = []
+    for done, (k, z) in enumerate(descriptors.items()):
+        tell("verifying places", done / len(descriptors))
+        t_ns = int(eyes.t_ns[k])
+        seen_again = []
+        if t_ns in keyframes:
+            for sample in topology.search(z, settings.candidates, t_ns).sample.tolist():
+                before = image_of[sample]
+                moment = (int(eyes.t_ns[before]), t_ns)
+                motion = verify(look.view(before), look.view(k), known.aids(*moment), settings.verify)
+                moments.append(moment)
+                motions.append(motion)
+                if motion.accepted:
+                    seen_again.append(sample)
+        node, count = topology.add(z, t_ns, poses[k]), len(topology)
+        image_of += [k] * (count - len(image_of))
+        for sample in seen_again:
+            node = topology.merge(int(topology.labels[sample]), node)
+    return topology, relative_poses(moments, motions)
