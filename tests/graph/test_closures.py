@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
+from pathlib import Path
 
 import gtsam
 import numpy as np
@@ -11,6 +13,7 @@ from graph_dives import Truth
 from scipy.spatial.transform import Rotation
 
 from uwgraph.dive import Dive
+from uwgraph.dive.importing import read_recording
 from uwgraph.dive.rig import VisualRig
 from uwgraph.evaluate import judge
 from uwgraph.graph import SmoothSettings, smooth
@@ -19,6 +22,7 @@ from uwgraph.simulate import ClosureModel, OdometryModel, SimulationSettings, ad
 from uwgraph.simulate.closures import TRUE
 from uwgraph.types import NOT_MEASURED, FloatArray, RelativePoses, Solution
 
+DATA = Path(os.environ.get("UWGRAPH_DATA", Path(__file__).parents[3] / "shared" / "data"))
 PATROL = SimulationSettings(
     pattern="patrol", duration_s=400.0, leg_length_m=40.0, line_spacing_m=20.0, depth=2.0, surface_time_s=5.0, sun=None
 )
@@ -42,6 +46,12 @@ def closures(truth: Truth) -> RelativePoses:
     found = add_closures(truth.dive, ClosureModel(period_s=5.0, sigma=0.05), seed=1).closures
     assert found is not None
     return found
+
+
+def real(name: str) -> Dive:
+    if not (DATA / name).is_dir():
+        pytest.skip(f"no {DATA / name}: set UWGRAPH_DATA to the folder of the recordings")
+    return read_recording(DATA / name).dive
 
 
 def rmse(truth: Truth, solution: Solution) -> float:
@@ -180,3 +190,21 @@ def test_unverified_steps_are_not_used(truth: Truth) -> None:
     wrong = replace(dive.odometry, accepted=np.zeros(len(dive.odometry), dtype=np.bool_))
     solution = smooth(replace(dive, odometry=wrong), QUICK)
     assert "odometry" not in solution.info["factors"]
+
+
+@pytest.mark.data
+def test_a_real_imu_with_a_simulated_camera() -> None:
+    """EuRoC's drone without anything but its IMU: a bias of 4.5 deg/s, odometry and places from its reference."""
+    dive = add_odometry(real("euroc"), OdometryModel(period_s=0.1, sigma=0.003), seed=3)
+    places = ClosureModel(period_s=1.0, reach_m=1.0, apart_s=15.0, false_share=0.3, sigma=0.03, shift_m=(0.5, 5.0))
+    seen = add_closures(dive, places, seed=3)
+    assert seen.closures is not None
+    without, solution = smooth(dive, QUICK), smooth(seen, QUICK)
+    assert solution.closures is not None
+    true = seen.closures.reason == TRUE
+    assert not solution.closures.accepted[~true].any()
+    assert solution.closures.accepted[true].mean() > 0.9
+    before, after = (judge(seen, s).metrics for s in (without, solution))
+    assert before["horizontal_rmse_m"] < 0.3
+    assert after["horizontal_rmse_m"] < 0.1
+    assert after["heading_rmse_deg"] < 0.4

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from uwgraph.graph.relative import UNMEASURED
+from uwgraph.graph.prepare import UNMEASURED
 from uwgraph.graph.se3 import Poses, moved
 from uwgraph.types import BoolArray, FloatArray
 

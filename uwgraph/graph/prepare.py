@@ -16,9 +16,23 @@ from uwgraph.dive import Dive
 from uwgraph.dive.checks.presence import too_slow
 from uwgraph.errors import DataError
 from uwgraph.frames import earth_rate_n
-from uwgraph.graph.rest import Rest, rest_at_start
-from uwgraph.types import Depth, Fixes, FloatArray, Heading, Imu, Origin, Reference, RelativePoses, Sun, TimeArray
+from uwgraph.graph.rest import Rest, bias_at_start, rest_at_start
+from uwgraph.types import (
+    NOT_MEASURED,
+    Depth,
+    Fixes,
+    FloatArray,
+    Heading,
+    Imu,
+    Origin,
+    Reference,
+    RelativePoses,
+    Sun,
+    TimeArray,
+)
 
+UNMEASURED = 1e-2 * NOT_MEASURED
+"""Variance from which on a direction counts as not measured."""
 S = TypeVar("S", Sun, Reference, Depth, Fixes, Heading)
 W = TypeVar("W", Depth, Heading)
 
@@ -112,7 +126,8 @@ def prepare(dive: Dive) -> Prepared:
     raw = body_imu(dive.imu, rig.imu.R_bs, rig.imu.time_offset_ns)
     span = (raw.t_ns[0], raw.t_ns[-1])
     dvl = _body_dvl(dive, span)
-    rest = _rest(raw, dvl, rig.imu.gyro_bias_sigma)
+    odometry = _verified(_seen(dive.odometry, rig.visual.time_offset_ns))
+    rest = _rest(raw, dvl, odometry, rig.imu.gyro_bias_sigma)
     imu = replace(raw, w_b=raw.w_b - rest.bias_gyro)
     return Prepared(
         dive=dive,
@@ -124,7 +139,7 @@ def prepare(dive: Dive) -> Prepared:
         heading=_inside(_heading(dive), span),
         sun=_inside(_sun(dive), span),
         reference=_inside(_shifted(dive.reference, rig.reference.time_offset_ns), span),
-        odometry=_verified(_seen(dive.odometry, rig.visual.time_offset_ns)),
+        odometry=odometry,
         closures=_seen(dive.closures, rig.visual.time_offset_ns),
     )
 
@@ -136,10 +151,23 @@ def body_imu(imu: Imu, R_bs: FloatArray, offset_ns: int) -> BodyImu:
     return BodyImu(np.concatenate([[first], t]), imu.f_s @ R_bs.T, imu.w_s @ R_bs.T)
 
 
-def _rest(imu: BodyImu, dvl: BodyDvl | None, bias_sigma: float) -> Rest:
-    if dvl is None:
-        return rest_at_start(imu.t_ns, imu.w_b, imu.t_ns[:0], np.zeros(0), bias_sigma)
-    return rest_at_start(imu.t_ns, imu.w_b, dvl.t_ns, np.linalg.norm(dvl.v_b, axis=1), bias_sigma)
+def _rest(imu: BodyImu, dvl: BodyDvl | None, odometry: RelativePoses | None, bias_sigma: float) -> Rest:
+    if dvl is not None:
+        return rest_at_start(imu.t_ns, imu.w_b, dvl.t_ns, np.linalg.norm(dvl.v_b, axis=1), bias_sigma)
+    if odometry is not None:
+        odometry = odometry.select((odometry.from_ns >= imu.t_ns[0]) & (odometry.t_ns <= imu.t_ns[-1]))
+        dR = np.swapaxes(imu.rotation_at(odometry.from_ns), 1, 2) @ imu.rotation_at(odometry.t_ns)
+        return bias_at_start(odometry, dR, bias_sigma)
+    return Rest(np.zeros(3), bias_sigma)
+
+
+def seen_velocity(odometry: RelativePoses | None) -> tuple[TimeArray, FloatArray]:
+    """Mean velocity in the body over every step of visual odometry whose length is known, at its middle."""
+    if odometry is None:
+        return np.zeros(0, dtype=np.int64), np.zeros((0, 3))
+    known = odometry.select(np.trace(odometry.cov[:, 3:, 3:], axis1=1, axis2=2) < UNMEASURED)
+    middle, first = np.unique(known.from_ns + (known.t_ns - known.from_ns) // 2, return_index=True)
+    return middle, (known.p / ((known.t_ns - known.from_ns) * 1e-9)[:, None])[first]
 
 
 def _body_dvl(dive: Dive, span: tuple[int, int]) -> BodyDvl | None:

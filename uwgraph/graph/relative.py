@@ -18,17 +18,15 @@ from numpy.typing import NDArray
 
 from factors.noise import gaussian, robust
 from uwgraph.graph.keyframes import inside, nearest_keyframe
-from uwgraph.graph.prepare import Prepared
+from uwgraph.graph.prepare import UNMEASURED, Prepared
 from uwgraph.graph.se3 import Poses, moved
 from uwgraph.graph.track import Track
-from uwgraph.types import NOT_MEASURED, FloatArray, RelativePoses, TimeArray
+from uwgraph.types import FloatArray, RelativePoses, TimeArray
 
 IndexArray = NDArray[np.intp]
 
 UNAIDED_SPEED_SIGMA = 0.2
 """m/s, how well the track knows its velocity where there is no DVL."""
-UNMEASURED = 1e-2 * NOT_MEASURED
-"""Variance from which on a direction counts as not measured."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,12 +1,13 @@
-"""A rest at the start tells the gyro bias: what a vehicle on deck or at the quay gives for nothing."""
+"""The start of a dive tells the gyro bias: a rest on deck or at the quay for nothing, a camera while it moves."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from uwgraph.types import FloatArray, TimeArray
+from uwgraph.types import FloatArray, RelativePoses, TimeArray
 
 REST_SPEED = 0.05
 """m/s; a DVL that reads less is at rest."""
@@ -15,6 +16,8 @@ REST_RATE = 2e-3
 REST_SIGMA = 1e-3
 """rad/s; how well a rest tells the bias, vibration included."""
 REST_SECONDS = 2
+SEEN_S = 30.0
+"""How much of visual odometry tells the bias."""
 POSSIBLE = 5.0
 """Sigmas of the rig; a mean rate beyond is a motion, not a bias."""
 
@@ -63,3 +66,29 @@ def rest_at_start(
     if not bias.any() or np.linalg.norm(bias) > POSSIBLE * bias_sigma:
         return none
     return Rest(bias, REST_SIGMA)
+
+
+def bias_at_start(odometry: RelativePoses, dR: FloatArray, bias_sigma: float) -> Rest:
+    """Median rate that the gyro has and the first steps of visual odometry have not.
+
+    Parameters
+    ----------
+    odometry
+        Within the IMU's span.
+    dR
+        Rotation of the gyro over every step, shape (N, 3, 3).
+    bias_sigma
+        1-sigma that the rig states for the bias, rad/s.
+    """
+    none = Rest(np.zeros(3), bias_sigma)
+    dt = (odometry.t_ns - odometry.from_ns) * 1e-9
+    first = np.flatnonzero((odometry.t_ns - odometry.t_ns[:1]) * 1e-9 < SEEN_S)
+    if bias_sigma < REST_SIGMA or len(first) < 2:
+        return none
+    more = (Rotation.from_rotvec(odometry.rotvec[first]).inv() * Rotation.from_matrix(dR[first])).as_rotvec()
+    rate = more / dt[first, None]
+    bias = np.median(rate, axis=0)
+    scatter = 1.4826 * np.median(np.abs(rate - bias), axis=0).max() / np.sqrt(len(first))
+    if np.linalg.norm(bias) > POSSIBLE * bias_sigma:
+        return none
+    return Rest(bias, max(REST_SIGMA, 3.0 * float(scatter)))

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from factors.lie import exp_so3
 from uwgraph.graph.attitude import STEP_S, aided_attitude
-from uwgraph.graph.prepare import Prepared
+from uwgraph.graph.prepare import Prepared, seen_velocity
 from uwgraph.types import FloatArray, TimeArray
 
 IndexArray = NDArray[np.intp]
@@ -122,11 +122,20 @@ def _grid(start_ns: int, end_ns: int, period_s: float) -> TimeArray:
 
 
 def body_velocity(prepared: Prepared, t_ns: TimeArray) -> FloatArray:
-    """Velocity of the body origin in body axes, v - w x l, zero where nobody measured any, shape (N, 3)."""
+    """Velocity of the body origin in body axes, v - w x l, shape (N, 3).
+
+    Without a DVL it is that of visual odometry, and zero where nobody measured any.
+    """
     dvl = prepared.dvl
     if dvl is None:
-        return np.zeros((len(t_ns), 3))
-    at, pings = ((t - dvl.t_ns[0]) * 1e-9 for t in (np.asarray(t_ns), dvl.t_ns))
-    v = np.column_stack([np.interp(at, pings, dvl.v_b[:, i]) for i in range(3)])
+        seen_ns, seen = seen_velocity(prepared.odometry)
+        return _interpolated(t_ns, seen_ns, seen) if len(seen) else np.zeros((len(t_ns), 3))
+    v = _interpolated(t_ns, dvl.t_ns, dvl.v_b)
     k = np.clip(np.searchsorted(prepared.imu.t_ns, t_ns, side="left") - 1, 0, len(prepared.imu.w_b) - 1)
     return v - np.cross(prepared.imu.w_b[k], prepared.dive.rig.dvl.l_b)
+
+
+def _interpolated(t_ns: TimeArray, known_ns: TimeArray, v: FloatArray) -> FloatArray:
+    """Linear between the known ones, the nearest beyond, shape (N, 3)."""
+    at, known = ((t - known_ns[0]) * 1e-9 for t in (np.asarray(t_ns), known_ns))
+    return np.column_stack([np.interp(at, known, v[:, i]) for i in range(3)])
