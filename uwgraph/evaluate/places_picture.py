@@ -69,7 +69,7 @@ def places_picture(
     t_ns, p_n : arrays
         The track: stamps, shape (K,), and positions in n, shape (K, 3), m.
     closures : RelativePoses
-        Green where accepted, red where not.
+        Green where accepted, red where refused although some points agreed.
     nodes_ns : array
         When the places of the topological map were first seen, shape (M,).
     pairs : sequence of Pair
@@ -93,7 +93,8 @@ def _track(axes: Axes, t_ns: TimeArray, p_n: FloatArray, closures: RelativePoses
 
     track = east_north(t_ns)
     axes.plot(track[:, 0], track[:, 1], color=BLUE, lw=0.9, zorder=1)
-    for mask, colour, width in ((~closures.accepted, REFUSED, 0.4), (closures.accepted, TAKEN, 1.0)):
+    doubtful = ~closures.accepted & (closures.inliers > 0)  # candidates with nothing in common are no news
+    for mask, colour, width in ((doubtful, REFUSED, 0.4), (closures.accepted, TAKEN, 1.0)):
         ends = np.stack([east_north(closures.from_ns[mask]), east_north(closures.t_ns[mask])], axis=1)
         axes.add_collection(LineCollection(list(ends), colors=colour, linewidths=width, zorder=2))
     nodes = east_north(nodes_ns)
