@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from uwgraph.errors import ConfigError
 from uwgraph.places.aids import Aids
 from uwgraph.places.matching import match
+from uwgraph.places.pair import pair_motion
 from uwgraph.places.stereo import stereo_motion, triangulated, with_points
 
 
@@ -65,7 +66,8 @@ def test_the_motion_is_metric_and_its_covariance_honest():
     nees = []
     for seed in range(12):
         a, b, R, p, _, _ = moved_pair(seed)
-        motion = stereo_motion(a, b, match(a, b), Aids(), 20)
+        motion = pair_motion(a, b)
+        assert motion.reason == "stereo"
         assert motion.accepted, motion.reason
         assert motion.metric
         R_m = Rotation.from_rotvec(motion.rotvec).as_matrix()
@@ -78,9 +80,12 @@ def test_the_motion_is_metric_and_its_covariance_honest():
 def test_places_of_another_floor_are_refused():
     rng = np.random.default_rng(2)
     views = [stereo_view(rng, t, floor_points(rng, CAMERA, relief=0.2)[0], 0.5, []) for t in (0, 1)]
-    motion = stereo_motion(*views, match(*views), Aids(), 30)
+    matches = match(*views)
+    placed = np.isfinite(views[0].points[matches.a, 0]) & np.isfinite(views[1].points[matches.b, 0])
+    motion = stereo_motion(*views, matches.select(placed), Aids(), 30)
     assert not motion.accepted
     assert "places" in motion.reason
+    assert not pair_motion(*views).accepted
 
 
 def test_cameras_at_one_place_are_an_error():

@@ -44,6 +44,10 @@ class Matches:
     def __len__(self) -> int:
         return len(self.a)
 
+    def select(self, index: BoolArray) -> Matches:
+        """Those that a mask picks."""
+        return Matches(self.a[index], self.b[index], self.distinct[index])
+
 
 def match(a: View, b: View) -> Matches:
     """Mutual nearest neighbours of two views' features."""

@@ -1,4 +1,4 @@
-"""Two views, one motion: with places where there are two cameras, else by a plane and what stands out of it."""
+"""Two views, one motion: by places where two cameras see enough of them, else by a plane and what stands out of it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from uwgraph.places.aids import Aids
 from uwgraph.places.matching import match
-from uwgraph.places.motion import Motion
+from uwgraph.places.motion import Motion, failed
 from uwgraph.places.rivals import rival
 from uwgraph.places.stereo import stereo_motion
 from uwgraph.places.twoview import PairSettings, two_view_motion
@@ -27,9 +27,12 @@ def pair_motion(a: View, b: View, aids: Aids | None = None, settings: PairSettin
     """
     aids, settings = aids or Aids(), settings or PairSettings()
     matches = match(a, b)
+    motion = failed("no places")
     if a.points is not None and b.points is not None:
-        motion = stereo_motion(a, b, matches, aids, settings.min_inliers)
-    else:
+        placed = np.isfinite(a.points[matches.a, 0]) & np.isfinite(b.points[matches.b, 0])
+        motion = stereo_motion(a, b, matches.select(placed), aids, settings.min_inliers)
+        matches = matches.select(placed) if motion.accepted else matches
+    if not motion.accepted:
         motion = two_view_motion(a, b, matches, aids, settings)
     if not motion.accepted:
         return motion

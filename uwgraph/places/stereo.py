@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uwgraph.errors import ConfigError
 from uwgraph.places.aids import Aids
@@ -19,7 +18,7 @@ from uwgraph.types import FloatArray
 
 OFF_LINE: Final = 2.0
 """Matches between left and right are not further from the epipolar line than this, pixels."""
-RELATIVE: Final = 0.05
+RELATIVE: Final = 0.1
 """Points whose distance a pixel changes by more than this part are too far to be placed."""
 TRIALS: Final = 500
 GATE: Final = 16.3
@@ -80,23 +79,17 @@ def triangulated(a: View, b: View, base: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def stereo_motion(a: View, b: View, matches: Matches, aids: Aids, min_inliers: int) -> Motion:
-    """The motion of the body between two views with places, from matched features.
+    """The motion of the body between two views with places, from matched features that all have places.
 
     The places are brought together by R and c, each pair weighted by its own covariance (Matthies & Shafer, IEEE J.
     Robotics Automation 3, 1987).
     """
     va, vb = a.select(matches.a), b.select(matches.b)
-    assert va.points is not None
-    assert vb.points is not None
-    placed = np.isfinite(va.points[:, 0]) & np.isfinite(vb.points[:, 0])
-    start = np.flatnonzero(placed & matches.distinct)
-    if len(start) < min_inliers:
-        return failed(f"too few places in common: {len(start)}")
-    g = _first_guess(va.points[start], vb.points[start], va, vb, start)
-    agree = placed.copy()
-    sigma = NOISE_PX
+    if matches.distinct.sum() < min_inliers:
+        return failed(f"too few places in common: {matches.distinct.sum()}")
+    g, sigma = _first_guess(va.select(matches.distinct), vb.select(matches.distinct)), NOISE_PX
     for _ in range(2):
-        agree = placed & (_squares(g, va, vb) < GATE * sigma**2)
+        agree = _squares(g, va, vb) < GATE * sigma**2
         if agree.sum() < min_inliers:
             return failed(f"too few places agree with one motion: {agree.sum()}")
         fit = _refined(g, va.select(agree), vb.select(agree), aids)
@@ -107,15 +100,19 @@ def stereo_motion(a: View, b: View, matches: Matches, aids: Aids, min_inliers: i
     return Motion(p, rotation_vector(g.R), cov, True, "stereo", *seen, g, moved, moved, True)
 
 
-def _first_guess(X_a: FloatArray, X_b: FloatArray, a: View, b: View, index: NDArray[np.intp]) -> Geometry:
+def _places(view: View) -> tuple[FloatArray, FloatArray]:
+    assert view.points is not None
+    assert view.points_cov is not None
+    return view.points, view.points_cov
+
+
+def _first_guess(a: View, b: View) -> Geometry:
     """The motion through three pairs of places with which most others agree."""
-    rng = np.random.default_rng(0)
-    picks = rng.integers(0, len(X_a), (TRIALS, 3))
+    (X_a, cov_a), (X_b, cov_b) = _places(a), _places(b)
+    picks = np.random.default_rng(0).integers(0, len(X_a), (TRIALS, 3))
     R, c = _aligned(X_a[picks], X_b[picks])
     off = X_a[None] - X_b[None] @ np.swapaxes(R, 1, 2) - c[:, None]
-    assert a.points_cov is not None
-    assert b.points_cov is not None
-    spread = np.trace(a.points_cov[index] + b.points_cov[index], axis1=1, axis2=2)
+    spread = np.trace(cov_a + cov_b, axis1=1, axis2=2)
     cost = np.minimum((off * off).sum(axis=2) / (NOISE_PX**2 * spread), 9.0).sum(axis=1)
     best = int(np.argmin(cost))
     return Geometry(R[best], c[best])
@@ -134,30 +131,18 @@ def _aligned(X_a: FloatArray, X_b: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _whitener(g: Geometry, a: View, b: View) -> FloatArray:
     """What makes the differences of places (N, 3) have covariance one for errors of one pixel, shape (N, 3, 3)."""
-    assert a.points_cov is not None
-    assert b.points_cov is not None
-    values, vectors = np.linalg.eigh(a.points_cov + g.R @ b.points_cov @ g.R.T)
+    values, vectors = np.linalg.eigh(_places(a)[1] + g.R @ _places(b)[1] @ g.R.T)
     return np.asarray(np.swapaxes(vectors, 1, 2) / np.sqrt(np.maximum(values, 1e-18))[:, :, None])
 
 
 def _squares(g: Geometry, a: View, b: View) -> FloatArray:
-    """Squared whitened difference of every pair of places, shape (N,); infinite where one is missing."""
-    assert a.points is not None
-    assert b.points is not None
-    placed = np.flatnonzero(np.isfinite(a.points[:, 0]) & np.isfinite(b.points[:, 0]))
-    squares = np.full(len(a), np.inf)
-    pa, pb = a.select(placed), b.select(placed)
-    assert pa.points is not None
-    assert pb.points is not None
-    off = pa.points - pb.points @ g.R.T - g.c
-    squares[placed] = (np.einsum("nij,nj->ni", _whitener(g, pa, pb), off) ** 2).sum(axis=1)
-    return squares
+    """Squared whitened difference of every pair of places, shape (N,)."""
+    off = _places(a)[0] - _places(b)[0] @ g.R.T - g.c
+    return np.asarray((np.einsum("nij,nj->ni", _whitener(g, a, b), off) ** 2).sum(axis=1))
 
 
 def _refined(g: Geometry, a: View, b: View, aids: Aids) -> Fit:
-    X_a, X_b, W = a.points, b.points, _whitener(g, a, b)
-    assert X_a is not None
-    assert X_b is not None
+    X_a, X_b, W = _places(a)[0], _places(b)[0], _whitener(g, a, b)
 
     def points(at: Geometry) -> tuple[FloatArray, FloatArray]:
         r = np.einsum("nij,nj->ni", W, X_a - X_b @ at.R.T - at.c)
