@@ -59,7 +59,7 @@ def render_map(
 ) -> SeafloorMap:
     """Pose every patch by the track, fuse, clean and draw: the same for a new map and for one that is re-deformed.
 
-    One patch is in memory at a time, beside the cloud (88 bytes a cell, some three times that while it is merged) and the
+    One patch is in memory at a time, beside the cloud (88 bytes a cell, three times that while it merges) and the
     picture (4 bytes a pixel).
 
     Parameters
