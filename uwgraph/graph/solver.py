@@ -21,7 +21,9 @@ from uwgraph.graph.settings import SmoothSettings
 FIRST_DAMPING = 1e-4
 LAST_DAMPING = 1e8
 LOOK_AHEAD = 3
-"""Undamped steps that are allowed to go up."""
+"""Undamped steps that are allowed to go up ..."""
+CRAWLED = 2
+"""... after so many damped ones in a row: what is merely curved needs a damped step or two."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,8 @@ def solve(problem: Problem, settings: SmoothSettings, progress: Callable[[float]
             new_error = problem.error(candidate)
             if _lower(new_error, error):
                 break
-            ahead = _look_ahead(problem, ordering, candidate, error) if damping == 0.0 else None
+            crawls = damping == 0.0 and all(i.damping > 0.0 for i in trace[-CRAWLED:])
+            ahead = _look_ahead(problem, ordering, candidate, error) if crawls else None
             if ahead is not None:
                 candidate, new_error = ahead
                 break
