@@ -20,9 +20,10 @@ from uwgraph.places.plane import (
     pixels_off_plane,
     planes_of,
 )
+from uwgraph.places.refine import INDEPENDENT
 from uwgraph.places.solve import Solved, floorlike, solve
 from uwgraph.places.view import View
-from uwgraph.types import BoolArray
+from uwgraph.types import BoolArray, FloatArray
 
 CONFIDENCE: Final = 0.9999
 ITERATIONS: Final = 5000
@@ -37,7 +38,13 @@ OUTLIER: Final = 12.0
 CHANCE: Final = 0.1
 """Fewer points off the plane than this part of those on it are taken as wrong: an epipolar line is met by chance."""
 AS_WELL: Final = 6.0
-"""Two motions explain the images equally well when their costs (chi-square) differ by less."""
+"""Two motions explain the images equally well when their costs (chi-square of independent points) differ by less."""
+
+ONE_TURN: Final = float(np.radians(2.0))
+ONE_WAY: Final = 0.05
+"""Motions no further apart than this, rad and parts of the distance of the floor, are one with a larger covariance."""
+DIFFERENT: Final = 22.5
+"""Chi-square of six degrees of freedom, 99.9 %."""
 
 
 class PairSettings(Settings):
@@ -66,10 +73,13 @@ def two_view_motion(a: View, b: View, matches: Matches, aids: Aids, settings: Pa
     if not found:
         return failed("too few points agree with one motion")
     costs = [_cost(solved, va, vb, aids, settings) for solved, _ in found]
-    order = np.argsort(costs)
-    solved, agree = found[order[0]]
-    motion = _motion(solved, agree, va, vb, matches)
-    if len(found) > 1 and costs[order[1]] - costs[order[0]] < AS_WELL and _differ(solved, found[order[1]][0]):
+    best = int(np.argmin(costs))
+    solved, agree = found[best]
+    rivals = [k for k, cost in enumerate(costs) if k != best and cost < costs[best] + AS_WELL]
+    doubts = [_between(solved, found[k][0]) for k in rivals]
+    cov = solved.cov[:6, :6] + sum((np.outer(d, d) for d in doubts), np.zeros((6, 6)))
+    motion = _motion(solved, cov, agree, va, vb, matches)
+    if any(_apart(d, solved) for d in doubts):
         return motion.refused("two motions explain the images as well")
     return motion
 
@@ -120,9 +130,9 @@ def agreeing(g: Geometry, a: View, b: View, reach: float) -> tuple[BoolArray, Bo
     return on_plane, on_plane | off_plane
 
 
-def _motion(solved: Solved, agree: BoolArray, a: View, b: View, matches: Matches) -> Motion:
+def _motion(solved: Solved, cov: FloatArray, agree: BoolArray, a: View, b: View, matches: Matches) -> Motion:
     g = solved.geometry
-    p, cov = motion_in_body(g, solved.cov[:6, :6], a.camera.l_b, solved.metric)
+    p, cov = motion_in_body(g, cov, a.camera.l_b, solved.metric)
     rho, pixels = inverse_depths(g, a.select(agree), b.select(agree))
     on_plane = 0 if g.plane is None else int((pixels_off_plane(g, a, b) < GATE * solved.sigma)[agree].sum())
     reason = f"{'plane' if on_plane > 0.8 * agree.sum() else 'relief'}{'' if solved.metric else ', no scale'}"
@@ -139,11 +149,20 @@ def _cost(solved: Solved, a: View, b: View, aids: Aids, settings: PairSettings) 
     if g.plane is not None:
         fit = np.minimum(fit, (pixels_off_plane(g, a, b) / noise) ** 2)
     steep = 0.0 if g.plane is None or floorlike(g.plane, aids.floor) else STEEP
-    return float(np.minimum(fit, OUTLIER).sum() + solved.aid_cost + steep)
+    independent = min(1.0, INDEPENDENT / len(a))
+    return float(independent * np.minimum(fit, OUTLIER).sum() + solved.aid_cost + steep)
 
 
-def _differ(one: Solved, other: Solved) -> bool:
-    """Whether two motions are further apart than their noise."""
+def _between(one: Solved, other: Solved) -> FloatArray:
+    """From one motion to another: rotation and way of the camera, shape (6,)."""
     turn = rotation_vector(one.geometry.R.T @ other.geometry.R)
-    off = np.r_[turn, other.geometry.c - one.geometry.c]
-    return float(off @ np.linalg.pinv(one.cov[:6, :6] + other.cov[:6, :6], hermitian=True) @ off) > 22.5
+    return np.concatenate([turn, other.geometry.c - one.geometry.c])
+
+
+def _apart(doubt: FloatArray, solved: Solved) -> bool:
+    """Whether two motions are too far apart, and further than their noise, for one covariance to hold both."""
+    g = solved.geometry
+    reach = 1.0 / float(np.linalg.norm(g.plane)) if g.plane is not None else float(np.linalg.norm(g.c))
+    small = np.linalg.norm(doubt[:3]) < ONE_TURN and np.linalg.norm(doubt[3:]) < ONE_WAY * reach
+    noise = doubt @ np.linalg.pinv(solved.cov[:6, :6], hermitian=True) @ doubt
+    return not small and bool(noise > DIFFERENT)
