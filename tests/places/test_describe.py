@@ -16,7 +16,7 @@ from uwgraph.places.describe import Describer, DescriberSettings, VladDescriber,
 from uwgraph.places.local import LocalSettings
 from uwgraph.places.vlad import Vocabulary
 
-SETTINGS = DescriberSettings(words=8, local=LocalSettings(limit=150))
+SETTINGS = DescriberSettings(local=LocalSettings(limit=150))
 
 
 def scene(seed: int, shape: tuple[int, int] = (200, 260)) -> np.ndarray:
@@ -66,7 +66,9 @@ BLANKS = {
 @pytest.mark.parametrize("enhancement", ["none", "normalise", "descatter"])
 def test_nothing_to_see_is_no_descriptor(kind: str, name: str, enhancement: str) -> None:
     settings = DescriberSettings(words=4, local=LocalSettings(kind=kind), enhancement=enhancement)
-    describer = VladDescriber(Vocabulary(np.eye(4, settings.local.width, dtype=np.float32)), settings)
+    width = settings.local.width
+    arrays = np.zeros(width), np.eye(64, width), np.eye(4, 64)
+    describer = VladDescriber(Vocabulary(*(array.astype(np.float32) for array in arrays)), settings)
     assert describer.describe(BLANKS[name]) is None
 
 

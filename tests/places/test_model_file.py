@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from tiny_onnx import write_tiny_onnx
 
 from uwgraph.errors import DataError, UwgraphError
@@ -22,16 +23,18 @@ RNG = np.random.default_rng(0)
 IMAGE = RNG.integers(0, 255, (96, 128, 3)).astype(np.uint8)
 
 
-def metric(size: int, p: int = 5, q: int = 4) -> Metric:
-    return Metric(
-        RNG.normal(size=size).astype(np.float32), RNG.normal(size=(p, size)).astype(np.float32), RNG.normal(size=(q, p))
-    )
+def normal(*shape: int) -> NDArray[np.float32]:
+    return RNG.normal(size=shape).astype(np.float32)
+
+
+def metric(size: int, p: int = 5) -> Metric:
+    return Metric(normal(size), normal(p, size), normal(p, p), 1.5)
 
 
 def vlad_model(kind: str = "sift") -> PlaceModel:
-    local = LocalSettings(kind=kind, limit=100)
-    words = Vocabulary(RNG.normal(size=(4, local.width)).astype(np.float32))
-    return PlaceModel(VladDescriber(words, DescriberSettings(words=4, local=local)), metric(4 * local.width))
+    settings = DescriberSettings(words=4, components=8, local=LocalSettings(kind=kind, limit=100))
+    words = Vocabulary(normal(settings.local.width), normal(8, settings.local.width), normal(4, 8))
+    return PlaceModel(VladDescriber(words, settings), metric(words.size))
 
 
 @pytest.mark.parametrize("kind", ["sift", "orb"])
@@ -41,7 +44,7 @@ def test_a_model_is_the_same_after_disk(tmp_path: Path, kind: str) -> None:
     again = PlaceModel.load(tmp_path / "m.npz")
     z = model.describe(IMAGE)
     assert z is not None
-    assert z.shape == (model.size,) == (4,)
+    assert z.shape == (model.size,) == (32,)
     np.testing.assert_array_equal(again.describe(IMAGE), z)
 
 
@@ -62,12 +65,18 @@ def test_a_network_is_found_again_or_missed(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "change",
     [
-        {"words": np.zeros((4, 64), np.float32)},
-        {"words": np.zeros((5, 128), np.float32)},
-        {"words": np.full((4, 128), np.inf, np.float32)},
+        {"words": np.zeros((4, 9), np.float32)},
+        {"words": np.zeros((5, 8), np.float32)},
+        {"words": np.full((4, 8), np.inf, np.float32)},
+        {"local_mean": np.zeros(64, np.float32)},
+        {"local_axes": np.zeros((8, 64), np.float32)},
+        {"local_axes": None},
         {"mean": np.zeros(3, np.float32)},
-        {"L": np.zeros((4, 6))},
-        {"L": np.full((4, 5), np.nan)},
+        {"change": np.zeros((4, 5), np.float32)},
+        {"change": np.full((5, 5), np.nan, np.float32)},
+        {"scale": np.array(np.inf)},
+        {"scale": np.array(0.0)},
+        {"scale": np.array([1.0])},
         {"components": None},
         {"describer": np.array("cnn")},
         {"settings": np.array('{"words": 4, "colour": 1}')},

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sklearn.decomposition import PCA
 
 from uwgraph.errors import DataError
 from uwgraph.places.local import LocalFeatures, LocalSettings, extract
@@ -73,14 +74,29 @@ def clusters(seed: int, n: int = 300, d: int = 128) -> LocalFeatures:
     return LocalFeatures(rng.uniform(0, 100, (n, 2)), x)
 
 
+def vocabulary(words: np.ndarray) -> Vocabulary:
+    """Of words along the first axes of descriptors of 128 numbers."""
+    axes = np.eye(words.shape[1], 128, dtype=np.float32)
+    return Vocabulary(np.zeros(128, np.float32), axes, words.astype(np.float32))
+
+
+def test_descriptors_are_reduced_as_by_pca() -> None:
+    features = [clusters(0), clusters(1)]
+    words, x = Vocabulary.learn(features, 8, 5), clusters(2)
+    pca = PCA(5, svd_solver="full").fit(np.concatenate([f.descriptors for f in features]))
+    np.testing.assert_allclose(np.abs(words.reduce(x)), np.abs(pca.transform(x.descriptors)), atol=1e-3)
+    assert (words.words.shape, words.size) == ((8, 5), 40)
+
+
 def test_vlad_is_the_sum_of_residuals_by_word() -> None:
-    words = Vocabulary.learn([clusters(0), clusters(1)], 8)
+    words = Vocabulary.learn([clusters(0), clusters(1)], 8, 16)
     x = clusters(2)
     found = vlad(x, words)
     assert found is not None
-    nearest = np.argmin(((x.descriptors[:, None] - words.words) ** 2).sum(2), axis=1)
+    reduced = (x.descriptors - words.mean) @ words.axes.T
+    nearest = np.argmin(((reduced[:, None] - words.words) ** 2).sum(2), axis=1)
     by_word = np.zeros_like(words.words, dtype=np.float64)
-    for word, descriptor in zip(nearest, x.descriptors, strict=True):
+    for word, descriptor in zip(nearest, reduced, strict=True):
         by_word[word] += descriptor - words.words[word]
     by_word /= np.linalg.norm(by_word, axis=1, keepdims=True)
     expected = np.sign(by_word) * np.sqrt(np.abs(by_word))
@@ -90,7 +106,7 @@ def test_vlad_is_the_sum_of_residuals_by_word() -> None:
 @given(seed=st.integers(0, 1000), n=st.integers(1, 60))
 @settings(max_examples=30, deadline=None)
 def test_vlad_has_unit_length_in_any_order_of_features(seed: int, n: int) -> None:
-    words = Vocabulary(np.random.default_rng(1).normal(size=(6, 128)).astype(np.float32))
+    words = vocabulary(np.random.default_rng(1).normal(size=(6, 32)))
     x = clusters(seed, n)
     found = vlad(x, words)
     assert found is not None
@@ -101,16 +117,20 @@ def test_vlad_has_unit_length_in_any_order_of_features(seed: int, n: int) -> Non
 
 
 def test_a_feature_on_its_word_and_no_feature_at_all() -> None:
-    words = Vocabulary(np.eye(4, 128, dtype=np.float32))
-    assert vlad(LocalFeatures(np.zeros((2, 2)), words.words[:2].copy()), words) is None
+    words = vocabulary(np.eye(4, 16))
+    assert vlad(LocalFeatures(np.zeros((2, 2)), np.eye(2, 128, dtype=np.float32)), words) is None
     assert vlad(LocalFeatures(np.zeros((0, 2)), np.zeros((0, 128), np.float32)), words) is None
 
 
 def test_the_vocabulary_is_the_same_again_and_needs_features() -> None:
     features = [clusters(3), clusters(4)]
-    np.testing.assert_array_equal(Vocabulary.learn(features, 8).words, Vocabulary.learn(features, 8).words)
+    once, twice = Vocabulary.learn(features, 8), Vocabulary.learn(features, 8)
+    np.testing.assert_array_equal(once.axes, twice.axes)
+    np.testing.assert_array_equal(once.words, twice.words)
     with pytest.raises(DataError, match="too few"):
         Vocabulary.learn([clusters(5, 10)], 8)
+    with pytest.raises(DataError, match="too few"):
+        Vocabulary.learn([clusters(5, 100)], 8, 64)
     with pytest.raises(DataError, match="too few"):
         Vocabulary.learn([], 8)
 

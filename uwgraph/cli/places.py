@@ -76,7 +76,7 @@ def train(
         float | None,
         typer.Option("--radius", metavar="M", help="Size of a place; default: a quarter of the altitude, or 0.5 m."),
     ] = None,
-    words: Annotated[int | None, typer.Option(metavar="N", help="Words of the vocabulary (64).")] = None,
+    words: Annotated[int | None, typer.Option(metavar="N", help="Words of the vocabulary (32).")] = None,
     network: Annotated[
         Path | None, typer.Option(metavar="ONNX", help="A network whose output describes an image, in place of VLAD.")
     ] = None,

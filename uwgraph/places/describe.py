@@ -25,8 +25,10 @@ class DescriberSettings(Settings):
 
     enhancement: Enhancement = "clahe"
     local: LocalSettings = LocalSettings()
-    words: Annotated[int, Field(ge=2, le=4096)] = 64
+    words: Annotated[int, Field(ge=2, le=4096)] = 32
     """Of the vocabulary."""
+    components: Annotated[int, Field(ge=2, le=256)] = 64
+    """Of the PCA of local descriptors; words times components is the length of the global one."""
     few: Annotated[int, Field(ge=1, le=1000)] = 10
     """An image with fewer features has no descriptor: there is nothing to recognise."""
 
@@ -62,7 +64,7 @@ class VladDescriber:
         """The describer whose vocabulary is learnt from images; some hundred spread over a dive suffice."""
         settings = settings or DescriberSettings()
         features = [features_of(image, settings, mask) for image in images]
-        return cls(Vocabulary.learn(features, settings.words, random_state), settings)
+        return cls(Vocabulary.learn(features, settings.words, settings.components, random_state), settings)
 
     @property
     def size(self) -> int:

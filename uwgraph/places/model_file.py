@@ -17,7 +17,6 @@ from uwgraph.places.enhance import Grey
 from uwgraph.places.metric import Metric
 from uwgraph.places.npz import Arrays, checked, json_value, read_npz, write_npz
 from uwgraph.places.vlad import Vocabulary
-from uwgraph.types import FloatArray
 
 KIND: Final = "uwgraph place model"
 
@@ -34,14 +33,15 @@ class PlaceModel:
         """Length of z."""
         return self.metric.size
 
-    def describe(self, image: NDArray[Any], mask: Grey | None = None) -> FloatArray | None:
+    def describe(self, image: NDArray[Any], mask: Grey | None = None) -> NDArray[np.float32] | None:
         """z of an image, shape (size,); None where nothing can be recognised."""
         descriptor = self.describer.describe(image, mask)
         return None if descriptor is None else self.metric.project(descriptor)
 
     def save(self, path: str | Path) -> None:
         """Write the model. An ONNX network stays where it is; its path and checksum are written."""
-        metric: Arrays = {"mean": self.metric.mean, "components": self.metric.components, "L": self.metric.L}
+        m = self.metric
+        metric = {"mean": m.mean, "components": m.components, "change": m.change, "scale": np.array(m.scale)}
         write_npz(path, KIND, _describer_arrays(self.describer) | metric)
 
     @classmethod
@@ -59,14 +59,25 @@ class PlaceModel:
         describer = _describer_of(arrays, where)
         mean = checked(arrays, "mean", (describer.size,), where, "f")
         components = checked(arrays, "components", (None, describer.size), where, "f")
-        L = checked(arrays, "L", (None, len(components)), where, "f")
-        return cls(describer, Metric(mean.astype(np.float32), components.astype(np.float32), L.astype(np.float64)))
+        change = checked(arrays, "change", (len(components), len(components)), where, "f")
+        scale = float(checked(arrays, "scale", (), where, "f"))
+        if not scale > 0.0:
+            raise DataError(f"scale is {scale:g}, not above 0", where=where, remedy="train again")
+        mean, components, change = (a.astype(np.float32) for a in (mean, components, change))
+        return cls(describer, Metric(mean, components, change, scale))
 
 
 def _describer_arrays(describer: VladDescriber | OnnxDescriber) -> Arrays:
     settings = np.array(describer.settings.model_dump_json())
     if isinstance(describer, VladDescriber):
-        return {"describer": np.array("vlad"), "settings": settings, "words": describer.vocabulary.words}
+        v = describer.vocabulary
+        return {
+            "describer": np.array("vlad"),
+            "settings": settings,
+            "local_mean": v.mean,
+            "local_axes": v.axes,
+            "words": v.words,
+        }
     checksum = np.array(describer.checksum)
     return {"describer": np.array("onnx"), "settings": settings, "checksum": checksum, "size": np.array(describer.size)}
 
@@ -86,5 +97,7 @@ def _describer_of(arrays: Arrays, where: str) -> VladDescriber | OnnxDescriber:
     if kind != "vlad":
         raise DataError(f"unknown describer {kind[:40]!r}", where=where, remedy="train again with this version")
     settings = parse_settings(DescriberSettings, values, where)
-    words = checked(arrays, "words", (settings.words, settings.local.width), where, "f")
-    return VladDescriber(Vocabulary(words.astype(np.float32)), settings)
+    mean = checked(arrays, "local_mean", (settings.local.width,), where, "f")
+    axes = checked(arrays, "local_axes", (None, settings.local.width), where, "f")
+    words = checked(arrays, "words", (settings.words, len(axes)), where, "f")
+    return VladDescriber(Vocabulary(*(a.astype(np.float32) for a in (mean, axes, words))), settings)

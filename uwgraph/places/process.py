@@ -15,6 +15,7 @@ from uwgraph.dive import Dive
 from uwgraph.dive.rig import Positive, Settings
 from uwgraph.errors import DataError
 from uwgraph.places.aids import Known
+from uwgraph.places.describe import Descriptor
 from uwgraph.places.enhance import Grey
 from uwgraph.places.known import known_of
 from uwgraph.places.learn import still_mask
@@ -91,7 +92,7 @@ def match_places(
     mask = still_mask(eyes)
     look = _Look(eyes, settings.odometry, mask, WATER if n is None else n)
     known = known_of(dive, eyes.t_ns)
-    descriptors: dict[int, FloatArray] = {}
+    descriptors: dict[int, Descriptor] = {}
 
     def frames() -> Iterator[Frame]:
         for k in range(len(eyes)):
@@ -138,7 +139,7 @@ def _closures(
     eyes: Eyes,
     look: _Look,
     known: Known,
-    descriptors: dict[int, FloatArray],
+    descriptors: dict[int, Descriptor],
     odometry: RelativePoses,
     poses: FloatArray,
     size: int,
