@@ -44,15 +44,14 @@ class Metric:
 
 def principal_components(X: NDArray[np.float32], count: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Mean (D,) and at most ``count`` principal axes (P, D) of samples (N, D); none where all samples are the same."""
-    mean = X.mean(axis=0)
-    centred = (X - mean).astype(np.float64)
-    n = len(X)
+    n, mean = len(X), X.mean(axis=0, dtype=np.float64)
+    centred = X - mean
     values, vectors = scipy.linalg.eigh(centred @ centred.T, subset_by_index=(max(n - count, 0), n - 1))
     values, vectors = values[::-1], vectors[:, ::-1]
     rounding = 1e-12 * float(np.sum(np.square(X, dtype=np.float64)))  # of single precision, squared
     kept = values > max(1e-9 * values[0], rounding)
     axes = (vectors[:, kept].T @ centred) / np.sqrt(values[kept])[:, None]
-    return mean, axes.astype(np.float32)
+    return mean.astype(np.float32), axes.astype(np.float32)
 
 
 def symmetric_root(M: FloatArray) -> FloatArray:

@@ -59,14 +59,14 @@ def train(X: NDArray[np.float32], positions: FloatArray, settings: TrainSettings
         When there are fewer than eight images, no two places apart, or numbers that are not finite.
     """
     settings = settings or TrainSettings()
-    every = -(-len(X) // MAX_IMAGES)
-    X, positions = X[::every], positions[::every]
     if len(X) < 8 or len(positions) != len(X) or not np.all(np.isfinite(positions)) or not np.all(np.isfinite(X)):
         raise DataError(
             f"{len(X)} descriptors with {len(positions)} positions are not enough, or not finite",
             where="training of places",
             remedy="give at least eight images that have a descriptor and a known position",
         )
+    every = -(-len(X) // MAX_IMAGES)
+    X, positions = X[::every], positions[::every]
     mean, components = principal_components(X, settings.components)
     if not len(components):
         raise DataError("all descriptors are the same", where="training of places", remedy="give images of many places")
