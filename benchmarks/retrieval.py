@@ -144,7 +144,7 @@ def _unit(x: NDArray[np.float32]) -> NDArray[np.float32]:
 def answers(
     r: Recording, z: NDArray[np.float32], database: NDArray[np.bool_], query: NDArray[np.bool_]
 ) -> pd.DataFrame:
-    """One row a query: can it be answered; is the first right, near, one of five right; d^2 of the first; block of time."""
+    """One row a query: answerable; the first right, near, one of five right; d^2 of the first; its block of time."""
     index, members = Index(z.shape[1]), np.flatnonzero(database)
     t_ns = np.round(r.t_s * 1e9).astype(np.int64)
     index.extend(z[members], t_ns[members])
