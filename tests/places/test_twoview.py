@@ -173,3 +173,37 @@ def test_inverse_depths_are_those_of_the_points():
     again /= np.linalg.norm(again, axis=1, keepdims=True)
     np.testing.assert_allclose(again, pair.b.rays, atol=1e-6)
     assert (pixels > 0.0).all()
+
+
+def ahead(rng, floor, wall, way=0.5):
+    """Two views ahead and 20 degrees down: a floor 1 m below and a leaning wall 5 m ahead, with truth."""
+    camera = replace(CAMERA, R_bs=Rotation.from_euler("y", -20.0, degrees=True).as_matrix() @ FORWARD, l_b=np.zeros(3))
+    on_floor = np.c_[rng.uniform(0.8, 3.0, floor), rng.uniform(-1.5, 1.5, floor), np.ones(floor)]
+    height = rng.uniform(-1.0, 0.9, wall)
+    on_wall = np.c_[5.0 - 0.8 * height, rng.uniform(-2.5, 2.5, wall), height]
+    X, p = np.vstack([on_floor, on_wall]), np.array([way, 0.02, -0.01])
+    R = Rotation.from_rotvec([0.01, 0.02, 0.03]).as_matrix()
+    uv_a, uv_b = pixels_of(camera, X), pixels_of(camera, (X - p) @ R)
+    both = np.isfinite(uv_a[:, 0]) & np.isfinite(uv_b[:, 0])
+    noise = rng.normal(0.0, 0.3, (2, both.sum(), 2))
+    a, b = (features_view(t, uv[both] + noise[t], camera) for t, uv in enumerate((uv_a, uv_b)))
+    index = np.arange(len(a))
+    aids = Aids(sounding_a=Sounding(1.0, 0.02, np.zeros(3), DOWN), down_a=DOWN)
+    return Pair(a, b, Matches(index, index, np.ones(len(a), np.bool_)), R, p, 1.0, 1.01), aids
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_camera_that_looks_ahead_takes_its_scale_from_the_floor_not_from_a_larger_wall(seed):
+    pair, aids = ahead(np.random.default_rng(seed), floor=120, wall=260)
+    motion = two_view_motion(pair.a, pair.b, pair.matches, aids)
+    assert motion.accepted
+    assert motion.metric
+    assert pair.nees(motion) < 6.0
+    assert np.linalg.norm(motion.p - pair.p) < 0.1 * np.linalg.norm(pair.p)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_wall_alone_tells_no_scale(seed):
+    pair, aids = ahead(np.random.default_rng(seed), floor=0, wall=260)
+    motion = two_view_motion(pair.a, pair.b, pair.matches, aids)
+    assert not motion.metric

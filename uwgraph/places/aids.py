@@ -20,8 +20,12 @@ RELIEF: Final = 0.02
 """How far the floor under the sounder is at least off the plane that the camera sees, 1-sigma, parts of the range."""
 ANY_SLOPE: Final = float(np.radians(15.0))
 """How far a floor and the vehicle usually lie from level together, 1-sigma, rad."""
-UPRIGHT: Final = 0.5
-"""A plane counts as the floor under the sounder when it is met at a larger sine than this."""
+STEEPEST: Final = 0.5
+"""Cosine: no plane that is tilted by more from across the direction to the floor is the floor."""
+TILTED: Final = 3.0
+"""A plane that is tilted by more sigma than this is not the floor, unless the sounder's spot on it is in the image."""
+BESIDE: Final = float(np.cos(np.radians(10.0)))
+"""Cosine of the angle between a point of the image and the spot that the sounder meets, where both see the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +45,10 @@ class Sounding:
         """By which part of itself the range is too short for the plane ``plane . X = ahead`` seen from the camera."""
         return ahead - float(plane @ (self.l_b + self.range * self.axis_b - l_camera))
 
-    def meets(self, plane: FloatArray) -> bool:
-        """Whether the plane (3,) lies across the beam as a floor does."""
-        return float(plane @ self.axis_b) > UPRIGHT * float(np.linalg.norm(plane))
+    def seen_by(self, rays: FloatArray, l_camera: FloatArray) -> bool:
+        """Whether rays (N, 3) of a camera go close to the spot that is sounded."""
+        spot = self.l_b + self.range * self.axis_b - l_camera
+        return bool(np.any(rays @ spot > BESIDE * np.linalg.norm(spot)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +80,17 @@ class Aids:
         sounding = self.sounding_a or self.sounding_b
         return np.array([0.0, 0.0, 1.0]) if sounding is None else sounding.axis_b
 
+    def flattest(self, rays: FloatArray, l_b: FloatArray) -> float:
+        """Least cosine between the normal of a floor that rays (N, 3) of the camera at l_b meet and :attr:`floor`.
+
+        A slope is a floor where the sounder meets what the camera sees. Elsewhere, before a camera that looks ahead,
+        it may be a wall, whose distance the sounder does not tell.
+        """
+        if self.sounding_a is None or self.sounding_a.seen_by(rays, l_b):
+            return STEEPEST
+        sigma = ANY_SLOPE if self.down_a is None else self.slope_sigma
+        return max(STEEPEST, float(np.cos(TILTED * sigma)))
+
     def of_rotation(self, R: FloatArray) -> FloatArray:
         """Whitened residual of the rotation, shape (3,) or (0,)."""
         if self.R_ab is None:
@@ -103,15 +119,15 @@ class Aids:
         length, sigma = self.length
         return np.array([(np.linalg.norm(body_translation(R, c, l_b)) - length) / sigma])
 
-    def scale(self, R: FloatArray, c: FloatArray, plane: FloatArray | None, l_b: FloatArray) -> float | None:
-        """What c, of unknown scale, is to be multiplied by to be metres; None where nothing tells."""
-        if plane is not None:
-            seen = ((self.sounding_a, plane), (self.sounding_b, R.T @ plane / (1.0 - plane @ c)))
-            found = [pi @ (s.l_b + s.range * s.axis_b - l_b) for s, pi in seen if s is not None and s.meets(pi)]
+    def scale(self, R: FloatArray, c: FloatArray, floor: FloatArray | None, l_b: FloatArray) -> float | None:
+        """What c and the floor (or None) are to be multiplied by to be metres; None where nothing tells."""
+        if floor is not None:
+            seen = ((self.sounding_a, floor), (self.sounding_b, R.T @ floor / (1.0 - floor @ c)))
+            found = [pi @ (s.l_b + s.range * s.axis_b - l_b) for s, pi in seen if s is not None]
             if found and np.mean(found) > 0.0:
                 return float(np.mean(found))
         if self.length is not None and np.linalg.norm(c) > 1e-9:
-            return self.length[0] / float(np.linalg.norm(c))
+            return max(self.length) / float(np.linalg.norm(c))
         return None
 
 

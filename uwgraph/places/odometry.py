@@ -32,7 +32,7 @@ class OdometrySettings(PairSettings):
     flow: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.2
     """A new visual keyframe where points have moved by this part of the image's longer side."""
     kept: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.5
-    """A new visual keyframe where fewer points agree than this part of what the keyframe's first pair had."""
+    """The image before becomes a visual keyframe where fewer points agree than this part of what its first pair had."""
     patience: Annotated[int, Field(ge=1, le=100)] = 2
     """A keyframe is given up after so many images in a row without a motion."""
     longest_s: Positive = 10.0
@@ -51,11 +51,14 @@ class _Step:
     b: View
     motion: Motion
 
-    def far(self, inliers: int, settings: OdometrySettings) -> bool:
-        """Whether b is to be the next keyframe; ``inliers`` of the keyframe's first pair."""
+    def far(self, settings: OdometrySettings) -> bool:
+        """Whether b is to be the next keyframe."""
         late = self.b.t_ns - self.a.t_ns >= settings.longest_s * 1e9
-        moved = self.motion.flow > settings.flow * max(self.a.camera.size)
-        return late or moved or self.motion.inliers < settings.kept * inliers
+        return late or self.motion.flow > settings.flow * max(self.a.camera.size)
+
+    def faint(self, inliers: int, settings: OdometrySettings) -> bool:
+        """Whether there is no motion, or one of few points; ``inliers`` of the keyframe's first pair."""
+        return not self.motion.accepted or self.motion.inliers < settings.kept * inliers
 
 
 def visual_odometry(
@@ -128,7 +131,7 @@ class _Tracker:
             self._keyframe = view
             return
         step = self._between(self._keyframe, view)
-        if not step.motion.accepted and self._near is not None:
+        if self._near is not None and step.faint(self._first_inliers, self.settings):
             self._new_keyframe(self._near)
             step = self._between(self._keyframe, view)
         if not step.motion.accepted:
@@ -138,7 +141,7 @@ class _Tracker:
             return
         self._missed = 0
         self._first_inliers = self._first_inliers or step.motion.inliers
-        if step.far(self._first_inliers, self.settings):
+        if step.far(self.settings):
             self._new_keyframe(step)
         else:
             self._near = step

@@ -8,6 +8,7 @@ plane-induced homography (Hartley & Zisserman, Multiple View Geometry, 13.1) for
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import cv2
 import numpy as np
@@ -15,6 +16,14 @@ from scipy.spatial.transform import Rotation
 
 from uwgraph.places.view import View
 from uwgraph.types import FloatArray
+
+FEWEST: Final = 12
+"""Points of a floor."""
+CHANCES: Final = 20
+"""Planes that are looked at, those with the most points first."""
+STRIP: Final = 0.3
+"""Points that are spread by less than this part of the floor's distance, 1-sigma, across the longest way through them,
+may lie where a floor would meet a wall."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,28 +124,35 @@ def planes_of(H: FloatArray, a: View, R_bs_b: FloatArray) -> list[Geometry]:
     return found
 
 
-def floor_of(g: Geometry, a: View, b: View, floor: FloatArray, threshold: float, seed: int = 0) -> FloatArray | None:
-    """The plane, across ``floor`` within 60 degrees, on which most matches lie within ``threshold`` pixels; or None.
+def floor_of(
+    g: Geometry, a: View, b: View, floor: FloatArray, flattest: float, threshold: float, seed: int = 0
+) -> FloatArray | None:
+    """The plane with most matches within ``threshold`` pixels, across ``floor`` up to an angle of this cosine; or None.
 
     Planes through three inverse depths each: pi . r = rho is linear.
     """
     rho, pixels = inverse_depths(g, a, b)
     near = np.flatnonzero((rho > 0.0) & (pixels * rho > 2.0 * threshold))
-    if len(near) < 12:
+    if len(near) < FEWEST:
         return None
     rng = np.random.default_rng(seed)
     picks = near[rng.integers(0, len(near), (400, 3))]
     rows = a.rays[picks]
     proper = np.abs(np.linalg.det(rows)) > 1e-4
     planes = np.linalg.solve(rows[proper], rho[picks[proper]][..., None])[..., 0]
-    planes = planes[planes @ floor > 0.5 * np.linalg.norm(planes, axis=1)]
-    if not len(planes):
-        return None
-    off = np.abs(planes @ a.rays[near].T - rho[near]) * pixels[near]
-    agree = off < threshold
-    best = agree[agree.sum(axis=1).argmax()]
-    if best.sum() < 12:
-        return None
-    weight = pixels[near][best]
-    solved = np.linalg.lstsq(a.rays[near][best] * weight[:, None], rho[near][best] * weight, rcond=None)
-    return np.asarray(solved[0])
+    planes = planes[planes @ floor > flattest * np.linalg.norm(planes, axis=1)]
+    agree = np.abs(planes @ a.rays[near].T - rho[near]) * pixels[near] < threshold
+    for k in np.argsort(-agree.sum(axis=1), kind="stable")[:CHANCES]:
+        on = near[agree[k]]
+        if len(on) < FEWEST:
+            return None
+        if _across(planes[k], a.rays[on]) > STRIP:
+            weight = pixels[on]
+            return np.asarray(np.linalg.lstsq(a.rays[on] * weight[:, None], rho[on] * weight, rcond=None)[0])
+    return None
+
+
+def _across(plane: FloatArray, rays: FloatArray) -> float:
+    """Standard deviation of the points where rays meet a plane, along their narrow side, in distances of the plane."""
+    points = rays / (rays @ plane)[:, None] * np.linalg.norm(plane)
+    return float(np.sqrt(max(np.linalg.eigvalsh(np.cov(points.T))[1], 0.0)))  # the least is across the plane

@@ -37,10 +37,11 @@ class Solved:
 def solve(g: Geometry, a: View, b: View, on_plane: BoolArray, aids: Aids) -> Solved:
     """Refine a geometry on matches (rows of a and b), those ``on_plane`` with both coordinates, others across c."""
     l_b = a.camera.l_b
-    scale = aids.scale(g.R, g.c, g.plane, l_b)
+    flattest = aids.flattest(a.rays, l_b)
+    floor = is_floor(g.plane, aids.floor, flattest)
+    scale = aids.scale(g.R, g.c, g.plane if floor else None, l_b)
     metric = scale is not None
     g = g.scaled(_unit(g) if scale is None else scale)
-    floor = g.plane is not None and floorlike(g.plane, aids.floor)
     relief = max(RELIEF, _relief(g, a, b))
     size = 6 if g.plane is None else 9
     order = np.argsort(~on_plane, kind="stable")
@@ -66,12 +67,14 @@ def solve(g: Geometry, a: View, b: View, on_plane: BoolArray, aids: Aids) -> Sol
 
     dims = np.where(np.arange(count) < planar, 2, 1)
     fit = refine(g, points, dims, known, blocks(a.features.uv[order]))
+    if floor and not is_floor(fit.geometry.plane, aids.floor, flattest):  # it was taken for one
+        return solve(fit.geometry, a, b, on_plane, aids)
     return Solved(fit.geometry, fit.cov, metric, fit.sigma, fit.aid_cost)
 
 
-def floorlike(plane: FloatArray, floor: FloatArray) -> bool:
-    """Whether a plane (3,) lies within 60 degrees of across the direction to the floor."""
-    return float(plane @ floor) > 0.5 * float(np.linalg.norm(plane))
+def is_floor(plane: FloatArray | None, floor: FloatArray, flattest: float) -> bool:
+    """Whether a plane (3,) lies across the direction to the floor up to the angle with that cosine."""
+    return plane is not None and float(plane @ floor) > flattest * float(np.linalg.norm(plane))
 
 
 def _unit(g: Geometry) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from uwgraph.dive.rig import Positive, Settings
-from uwgraph.places.aids import Aids
+from uwgraph.places.aids import STEEPEST, Aids
 from uwgraph.places.matching import Matches
 from uwgraph.places.motion import Motion, failed, motion_in_body, rotation_vector
 from uwgraph.places.plane import (
@@ -21,7 +21,7 @@ from uwgraph.places.plane import (
     planes_of,
 )
 from uwgraph.places.refine import INDEPENDENT
-from uwgraph.places.solve import Solved, floorlike, solve
+from uwgraph.places.solve import Solved, is_floor, solve
 from uwgraph.places.view import View
 from uwgraph.types import BoolArray, FloatArray
 
@@ -43,6 +43,8 @@ AS_WELL: Final = 6.0
 ONE_TURN: Final = float(np.radians(2.0))
 ONE_WAY: Final = 0.05
 """Motions no further apart than this, rad and parts of the distance of the floor, are one with a larger covariance."""
+ALONG: Final = 0.1
+"""Directions no further apart than this, rad, are one."""
 DIFFERENT: Final = 22.5
 """Chi-square of six degrees of freedom, 99.9 %."""
 
@@ -52,6 +54,8 @@ class PairSettings(Settings):
 
     min_inliers: Annotated[int, Field(ge=8, le=10_000)] = 20
     """Fewer points that agree are no motion."""
+    min_share: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.4
+    """Of the distinct matches at least this part must agree: some lie on any epipolar lines by chance."""
     threshold_px: Positive = 1.5
     """How far off points may be while the motion is searched, pixels."""
     noise_px: Positive = 0.7
@@ -70,10 +74,10 @@ def two_view_motion(a: View, b: View, matches: Matches, aids: Aids, settings: Pa
     va, vb = a.select(matches.a), b.select(matches.b)
     starts = first_guesses(va.select(matches.distinct), vb.select(matches.distinct), aids, settings)
     found = [made for g in starts if (made := _refined(g, va, vb, aids, settings)) is not None]
+    found = [(solved, agree) for solved, agree in found if agree[matches.distinct].mean() >= settings.min_share]
     if not found:
         return failed("too few points agree with one motion")
-    costs = [_cost(solved, va, vb, aids, settings) for solved, _ in found]
-    best = int(np.argmin(costs))
+    best, costs = _ranked([solved for solved, _ in found], va, vb, aids, settings)
     solved, agree = found[best]
     rivals = [k for k, cost in enumerate(costs) if k != best and cost < costs[best] + AS_WELL]
     doubts = [_between(solved, found[k][0]) for k in rivals]
@@ -98,8 +102,18 @@ def first_guesses(a: View, b: View, aids: Aids, settings: PairSettings) -> list[
         _, R_ba, t, _ = cv2.recoverPose(E, xa, xb, K, mask=mask)
         R_s = np.asarray(R_ba).T
         g = Geometry(a.camera.R_bs @ R_s @ b.camera.R_bs.T, -a.camera.R_bs @ R_s @ t.ravel())
-        general = [Geometry(g.R, g.c, floor_of(g, a, b, aids.floor, settings.threshold_px))]
-    return planar + general
+        general = [g]
+    flattest = aids.flattest(a.rays, a.camera.l_b)
+    walls = [g for g in planar + general if not is_floor(g.plane, aids.floor, flattest)]
+    floors = [_floor_beside(g, a, b, aids, flattest, settings.threshold_px) for g in walls]
+    return planar + general + [g for g in floors if g is not None]
+
+
+def _floor_beside(g: Geometry, a: View, b: View, aids: Aids, flattest: float, threshold: float) -> Geometry | None:
+    """The same motion with a floor in the place of a wall, on matches that the wall does not explain."""
+    rest = slice(None) if g.plane is None else pixels_off_plane(g, a, b) > threshold
+    floor = floor_of(g, a.select(rest), b.select(rest), aids.floor, flattest, threshold)
+    return None if floor is None else Geometry(g.R, g.c, floor)
 
 
 def _refined(g: Geometry, a: View, b: View, aids: Aids, settings: PairSettings) -> tuple[Solved, BoolArray] | None:
@@ -142,21 +156,48 @@ def _motion(solved: Solved, cov: FloatArray, agree: BoolArray, a: View, b: View,
     return Motion(p, rotation_vector(g.R), cov, True, reason, *seen, g, parallax, flow, solved.metric)
 
 
-def _cost(solved: Solved, a: View, b: View, aids: Aids, settings: PairSettings) -> float:
-    """Chi-square of the matches, on the plane or, dearer by a free depth, off it, and of the aids."""
+def _cost(solved: Solved, a: View, b: View, aids: Aids, settings: PairSettings, wall: Geometry | None = None) -> float:
+    """Chi-square of the matches, on the plane, on a wall or, dearer by a free depth, off them, and of the aids."""
     g, noise = solved.geometry, settings.noise_px
     fit = (epipolar(g, a, b)[0] / noise) ** 2 + OFF_PLANE
-    if g.plane is not None:
-        fit = np.minimum(fit, (pixels_off_plane(g, a, b) / noise) ** 2)
-    steep = 0.0 if g.plane is None or floorlike(g.plane, aids.floor) else STEEP
+    for seen in (g, wall):
+        if seen is not None and seen.plane is not None:
+            fit = np.minimum(fit, (pixels_off_plane(seen, a, b) / noise) ** 2)
+    steep = 0.0 if g.plane is None or is_floor(g.plane, aids.floor, STEEPEST) else STEEP
     independent = min(1.0, INDEPENDENT / len(a))
     return float(independent * np.minimum(fit, OUTLIER).sum() + solved.aid_cost + steep)
 
 
+def _ranked(found: list[Solved], a: View, b: View, aids: Aids, settings: PairSettings) -> tuple[int, list[float]]:
+    """Which motion is best, and the costs of all.
+
+    Where it has no scale but the same motion with another plane has, that one is: which plane holds more matches, a
+    wall or the floor, does not matter to the motion. Then the floor is to explain what the wall does not.
+    """
+    costs = [_cost(solved, a, b, aids, settings) for solved in found]
+    best = int(np.argmin(costs))
+    twins = [k for k, other in enumerate(found) if other.metric and _same_way(found[best], other)]
+    if found[best].metric or not twins:
+        return best, costs
+    costs = [_cost(solved, a, b, aids, settings, found[best].geometry) for solved in found]
+    return min(twins, key=costs.__getitem__), costs
+
+
+def _same_way(one: Solved, other: Solved) -> bool:
+    """Whether two motions turn alike and go in the same direction."""
+    doubt = _between(one, other)
+    return bool(np.linalg.norm(doubt[:3]) < ONE_TURN and np.linalg.norm(doubt[3:]) < ALONG * _length(one))
+
+
+def _length(solved: Solved) -> float:
+    return max(float(np.linalg.norm(solved.geometry.c)), 1e-12)
+
+
 def _between(one: Solved, other: Solved) -> FloatArray:
-    """From one motion to another: rotation and way of the camera, shape (6,)."""
+    """From one motion to another: rotation and way of the camera, of equal length if either has no scale, (6,)."""
     turn = rotation_vector(one.geometry.R.T @ other.geometry.R)
-    return np.concatenate([turn, other.geometry.c - one.geometry.c])
+    same_unit = 1.0 if one.metric and other.metric else _length(one) / _length(other)
+    return np.concatenate([turn, same_unit * other.geometry.c - one.geometry.c])
 
 
 def _apart(doubt: FloatArray, solved: Solved) -> bool:
