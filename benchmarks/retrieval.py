@@ -44,9 +44,9 @@ from numpy.typing import NDArray
 from uwgraph.camera.images import read_image
 from uwgraph.dive.folder import read_dive
 from uwgraph.frames import ned_from_geodetic
-from uwgraph.places.describe import DescriberSettings, VladDescriber, features_of
+from uwgraph.places.describe import DescriberSettings, VladDescriber
 from uwgraph.places.enhance import Grey, enhance, scene_mask
-from uwgraph.places.local import LocalFeatures
+from uwgraph.places.local import LocalFeatures, features_of
 from uwgraph.places.metric import principal_components
 from uwgraph.places.model_file import PlaceModel
 from uwgraph.places.retrieval import Index
@@ -93,7 +93,8 @@ def dive_of(folder: Path) -> Recording:
 def _recording(name: str, files: list[Path], t_s: NDArray[np.float64], p: NDArray[np.float64]) -> Recording:
     images = [read_image(file) for file in files]
     mask = scene_mask(enhance(images[i], "none") for i in np.linspace(0, len(images) - 1, 40).astype(int))
-    return Recording(name, t_s, p, files, mask, [features_of(image, SETTINGS, mask) for image in images])
+    features = [features_of(image, SETTINGS.enhancement, SETTINGS.local, mask) for image in images]
+    return Recording(name, t_s, p, files, mask, features)
 
 
 def in_the_map(r: Recording) -> Iterator[Split]:

@@ -175,7 +175,7 @@ def test_a_pool_of_tiles():
     mask = np.full((360, 640), 255, np.uint8)
     mask[:14, :120] = 0
     shown = (20, 22, 90, 100, 102, 160, 190, 215)
-    views = {k: view_of(k, read_image(files[k]), camera, mask=mask, local=LocalSettings(limit=1200)) for k in shown}
+    views = {k: view_of(k, read_image(files[k]), camera, mask=mask, local=LocalSettings()) for k in shown}
     aids = Aids(sounding_a=SOUNDING, sounding_b=SOUNDING, down_a=DOWN)
     assert verify(views[20], views[22], aids).accepted
     assert verify(views[100], views[102], aids).accepted

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from uwgraph.dive.rig import AltitudeRig
+from uwgraph.places.motion import rotation_vector
 from uwgraph.types import Altitude, FloatArray
 
 RELIEF: Final = 0.02
@@ -95,7 +95,7 @@ class Aids:
         """Whitened residual of the rotation, shape (3,) or (0,)."""
         if self.R_ab is None:
             return np.zeros(0)
-        return np.asarray(Rotation.from_matrix(self.R_ab.T @ R).as_rotvec() / self.rotation_sigma)
+        return rotation_vector(self.R_ab.T @ R) / self.rotation_sigma
 
     def of_slope(self, plane: FloatArray) -> FloatArray:
         """Whitened residual of the tilt of a floor, shape (3,); loose where the vertical is not known."""

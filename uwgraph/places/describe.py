@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from uwgraph.dive.rig import Settings
-from uwgraph.places.enhance import Enhancement, Grey, enhance
-from uwgraph.places.local import LocalFeatures, LocalSettings, extract
+from uwgraph.places.enhance import Enhancement, Grey
+from uwgraph.places.local import LocalFeatures, LocalSettings, features_of
 from uwgraph.places.vlad import Vocabulary, vlad
 from uwgraph.types import BoolArray
 
@@ -63,7 +63,7 @@ class VladDescriber:
     ) -> VladDescriber:
         """The describer whose vocabulary is learnt from images; some hundred spread over a dive suffice."""
         settings = settings or DescriberSettings()
-        features = [features_of(image, settings, mask) for image in images]
+        features = [features_of(image, settings.enhancement, settings.local, mask) for image in images]
         return cls(Vocabulary.learn(features, settings.words, settings.components, random_state), settings)
 
     @property
@@ -72,17 +72,11 @@ class VladDescriber:
 
     def describe(self, image: NDArray[Any], mask: Grey | None = None) -> Descriptor | None:
         """See :class:`Describer`."""
-        return self.of_features(features_of(image, self.settings, mask))
+        return self.of_features(features_of(image, self.settings.enhancement, self.settings.local, mask))
 
     def of_features(self, features: LocalFeatures) -> Descriptor | None:
         """The descriptor of features that are known already."""
         return vlad(features, self.vocabulary) if len(features) >= self.settings.few else None
-
-
-def features_of(image: NDArray[Any], settings: DescriberSettings, mask: Grey | None = None) -> LocalFeatures:
-    """Local features of the enhanced image; ``mask`` is used where it has the size of the image."""
-    grey = enhance(image, settings.enhancement, mask)
-    return extract(grey, settings.local, mask if mask is not None and mask.shape == grey.shape else None)
 
 
 def describe_all(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from uwgraph.dive.rig import NonNegative, Settings
-from uwgraph.places.enhance import Grey
+from uwgraph.places.enhance import Enhancement, Grey, enhance
 from uwgraph.types import FloatArray
 
 MAX_DETECTED: Final = 20_000
@@ -24,7 +24,7 @@ class LocalSettings(Settings):
     """How features are found."""
 
     kind: Literal["sift", "orb"] = "sift"
-    limit: Annotated[int, Field(ge=8, le=MAX_DETECTED)] = 800
+    limit: Annotated[int, Field(ge=8, le=MAX_DETECTED)] = 1200
     """Most features of an image."""
     rows: Annotated[int, Field(ge=1, le=64)] = 6
     columns: Annotated[int, Field(ge=1, le=64)] = 8
@@ -53,6 +53,14 @@ class LocalFeatures:
 
     def __len__(self) -> int:
         return len(self.uv)
+
+
+def features_of(
+    image: NDArray[Any], how: Enhancement = "clahe", settings: LocalSettings | None = None, mask: Grey | None = None
+) -> LocalFeatures:
+    """The features of the enhanced image (:func:`enhance`); ``mask`` is used where it has the size of the image."""
+    grey = enhance(image, how, mask)
+    return extract(grey, settings, mask if mask is not None and mask.shape == grey.shape else None)
 
 
 def extract(grey: Grey, settings: LocalSettings | None = None, mask: Grey | None = None) -> LocalFeatures:

@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from uwgraph.places.local import LocalFeatures
+from uwgraph.places.vlad import as_floats
 from uwgraph.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
@@ -53,8 +53,9 @@ def match(a: View, b: View) -> Matches:
     """Mutual nearest neighbours of two views' features."""
     if not (len(a) and len(b)):
         return Matches(np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0, np.bool_))
-    index, first, second = _nearest(a.features, b.features)
-    back, _, second_back = _nearest(b.features, a.features)
+    likeness = _likeness(a.features, b.features)
+    index, first, second = _nearest(likeness, b.features)
+    back, _, second_back = _nearest(np.ascontiguousarray(likeness.T), a.features)
     mutual = np.flatnonzero(back[index] == np.arange(len(a)))
     partner = index[mutual]
     noise = NOISE[a.features.descriptors.dtype]
@@ -66,22 +67,33 @@ def twin_distances(features: LocalFeatures) -> FloatArray:
     """Descriptor distance to the most alike feature elsewhere in the same image, shape (N,)."""
     if len(features) < 2:
         return np.full(len(features), FAR)
-    index, distance = _neighbours(features, features)
+    index, distance = _neighbours(_likeness(features, features), features)
     elsewhere = np.linalg.norm(features.uv[index] - features.uv[:, None], axis=2) > APART
     return np.asarray(np.where(elsewhere, distance, FAR).min(axis=1))
 
 
-def _nearest(a: LocalFeatures, b: LocalFeatures) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
+def _likeness(a: LocalFeatures, b: LocalFeatures) -> NDArray[np.float32]:
+    """Shape (N, M), the larger the nearer: cosines of RootSIFT, or equal bits less others of ORB."""
+    if a.descriptors.dtype == np.uint8:
+        x, y = (2.0 * as_floats(f.descriptors) - 1.0 for f in (a, b))
+        return np.asarray(x @ y.T, dtype=np.float32)
+    return np.asarray(a.descriptors @ b.descriptors.T, dtype=np.float32)
+
+
+def _nearest(likeness: NDArray[np.float32], b: LocalFeatures) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
     """The nearest feature of b, its distance, and that of the next one elsewhere, each of shape (N,)."""
-    index, distance = _neighbours(a, b)
+    index, distance = _neighbours(likeness, b)
     elsewhere = np.linalg.norm(b.uv[index] - b.uv[index[:, :1]], axis=2) > APART
     return index[:, 0], distance[:, 0], np.where(elsewhere, distance, FAR).min(axis=1)
 
 
-def _neighbours(a: LocalFeatures, b: LocalFeatures) -> tuple[NDArray[np.intp], FloatArray]:
+def _neighbours(likeness: NDArray[np.float32], b: LocalFeatures) -> tuple[NDArray[np.intp], FloatArray]:
     """The nearest features of b and their distances, (N, k) each, nearest first."""
     k = min(NEIGHBOURS, len(b))
-    norm = cv2.NORM_HAMMING if a.descriptors.dtype == np.uint8 else cv2.NORM_L2
-    found = cv2.BFMatcher(norm).knnMatch(a.descriptors, b.descriptors, k)
-    pairs = np.array([[(m.trainIdx, m.distance) for m in row] for row in found])
-    return pairs[..., 0].astype(np.intp), pairs[..., 1]
+    index = np.argpartition(-likeness, k - 1, axis=1)[:, :k]
+    found = np.take_along_axis(likeness, index, axis=1).astype(np.float64)
+    order = np.lexsort((index, -found), axis=1)
+    index, found = np.take_along_axis(index, order, axis=1), np.take_along_axis(found, order, axis=1)
+    if b.descriptors.dtype == np.uint8:
+        return index, 0.5 * (8 * b.descriptors.shape[1] - found)
+    return index, np.sqrt(np.maximum(2.0 - 2.0 * found, 0.0))

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from uwgraph.dive.yamlfile import parse_settings
 from uwgraph.errors import DataError
 from uwgraph.places.deep import OnnxDescriber, OnnxSettings
-from uwgraph.places.describe import DescriberSettings, VladDescriber
-from uwgraph.places.enhance import Grey
+from uwgraph.places.describe import DescriberSettings, Descriptor, VladDescriber
+from uwgraph.places.enhance import Enhancement, Grey
+from uwgraph.places.local import LocalFeatures, LocalSettings
 from uwgraph.places.metric import Metric
 from uwgraph.places.npz import Arrays, checked, json_value, read_npz, write_npz
 from uwgraph.places.vlad import Vocabulary
@@ -35,7 +36,19 @@ class PlaceModel:
 
     def describe(self, image: NDArray[Any], mask: Grey | None = None) -> NDArray[np.float32] | None:
         """z of an image, shape (size,); None where nothing can be recognised."""
-        descriptor = self.describer.describe(image, mask)
+        return self._project(self.describer.describe(image, mask))
+
+    def takes(self, enhancement: Enhancement, local: LocalSettings) -> bool:
+        """Whether :meth:`of_features` takes features that were found this way."""
+        s = self.describer.settings
+        return isinstance(s, DescriberSettings) and (s.enhancement, s.local) == (enhancement, local)
+
+    def of_features(self, features: LocalFeatures) -> NDArray[np.float32] | None:
+        """:meth:`describe` of features that were found already, as :meth:`takes` says."""
+        assert isinstance(self.describer, VladDescriber)
+        return self._project(self.describer.of_features(features))
+
+    def _project(self, descriptor: Descriptor | None) -> NDArray[np.float32] | None:
         return None if descriptor is None else self.metric.project(descriptor)
 
     def save(self, path: str | Path) -> None:

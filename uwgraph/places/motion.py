@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
+from gtsam import Rot3
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from uwgraph.places.plane import Geometry
 from uwgraph.types import NOT_MEASURED, FloatArray, RelativePoses
@@ -95,7 +95,7 @@ def motion_in_body(g: Geometry, cov: FloatArray, l_b: FloatArray, metric: bool) 
 
 def rotation_vector(R: FloatArray) -> FloatArray:
     """Rotation vector (3,) of a matrix (3, 3)."""
-    return np.asarray(Rotation.from_matrix(R).as_rotvec())
+    return np.asarray(Rot3.Logmap(Rot3(R)))
 
 
 def relative_poses(moments: list[tuple[int, int]], motions: list[Motion]) -> RelativePoses:

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 from numpy.typing import NDArray
 from pydantic import Field
 
-from uwgraph.camera.model import Camera
+from uwgraph.camera.model import Camera, check_size
 from uwgraph.dive.rig import Positive
 from uwgraph.errors import DataError
 from uwgraph.places.aids import Known
 from uwgraph.places.enhance import Enhancement, Grey
-from uwgraph.places.local import LocalSettings
+from uwgraph.places.local import LocalFeatures, LocalSettings, features_of
 from uwgraph.places.motion import Motion, relative_poses
 from uwgraph.places.pair import pair_motion
 from uwgraph.places.stereo import with_points
 from uwgraph.places.twoview import PairSettings
-from uwgraph.places.view import WATER, View, view_of
+from uwgraph.places.view import WATER, View, view_of_features
 from uwgraph.types import RelativePoses
 
 Frame = tuple[int, NDArray[Any]] | tuple[int, NDArray[Any], NDArray[Any]]
@@ -37,7 +37,7 @@ class OdometrySettings(PairSettings):
     """A keyframe is given up after so many images in a row without a motion."""
     longest_s: Positive = 10.0
     """A new visual keyframe after this time at the latest."""
-    local: LocalSettings = LocalSettings(limit=1200)
+    local: LocalSettings = LocalSettings()
     """How features are found."""
     enhancement: Enhancement = "clahe"
     """How images are prepared."""
@@ -95,10 +95,19 @@ def visual_odometry(
     DataError
         When the frames are not in the order of time, or of another size than the camera's.
     """
-    known, settings = known or Known(), settings or OdometrySettings()
-    tracker = _Tracker(known, settings)
-    for count, frame in enumerate(frames, 1):
-        view = view_of_frame(frame, cameras, settings, mask, n)
+    settings = settings or OdometrySettings()
+    return track((view_of_frame(frame, cameras, settings, mask, n) for frame in frames), known, settings, progress)
+
+
+def track(
+    views: Iterable[View],
+    known: Known | None = None,
+    settings: OdometrySettings | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> RelativePoses:
+    """:func:`visual_odometry` of views that are made already, or as they are asked for."""
+    tracker = _Tracker(known or Known(), settings or OdometrySettings())
+    for count, view in enumerate(views, 1):
         if tracker.last_ns is not None and view.t_ns <= tracker.last_ns:
             raise DataError(
                 f"image {count} is not later than the one before", where="frames", remedy="sort the images by time"
@@ -169,8 +178,13 @@ def view_of_frame(
         raise DataError(
             f"{len(images)} images at a time, but {len(pair)} cameras", where="frames", remedy="give one image of each"
         )
-    views = [
-        view_of(int(t_ns), image, camera, local=settings.local, how=settings.enhancement, mask=mask, n=n)
-        for image, camera in zip(images, pair, strict=True)
-    ]
+    for image, camera in zip(images, pair, strict=True):
+        check_size(camera, image)
+    features = [features_of(image, settings.enhancement, settings.local, mask) for image in images]
+    return view_of_moment(int(t_ns), features, pair, n)
+
+
+def view_of_moment(t_ns: int, features: Sequence[LocalFeatures], cameras: Sequence[Camera], n: float) -> View:
+    """The view of the features that one or two cameras saw at a moment."""
+    views = [view_of_features(t_ns, seen, camera, n=n) for seen, camera in zip(features, cameras, strict=True)]
     return views[0] if len(views) == 1 else with_points(*views)

@@ -12,7 +12,7 @@ from typing import Final
 
 import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation
+from gtsam import Rot3
 
 from uwgraph.places.view import View
 from uwgraph.types import FloatArray
@@ -39,7 +39,7 @@ class Geometry:
 
     def moved(self, x: FloatArray) -> Geometry:
         """After a small rotation in the axes of b x[:3], a change of c x[3:6] and of the plane x[6:9]."""
-        R = self.R @ Rotation.from_rotvec(x[:3]).as_matrix()
+        R = self.R @ Rot3.Expmap(x[:3]).matrix()
         return Geometry(R, self.c + x[3:6], None if self.plane is None else self.plane + x[6:9])
 
     def scaled(self, scale: float) -> Geometry:

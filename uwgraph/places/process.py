@@ -19,9 +19,10 @@ from uwgraph.places.describe import Descriptor
 from uwgraph.places.enhance import Grey
 from uwgraph.places.known import known_of
 from uwgraph.places.learn import still_mask
+from uwgraph.places.local import LocalFeatures, features_of
 from uwgraph.places.model_file import PlaceModel
 from uwgraph.places.motion import Motion, relative_poses
-from uwgraph.places.odometry import Frame, OdometrySettings, view_of_frame, visual_odometry
+from uwgraph.places.odometry import OdometrySettings, track, view_of_moment
 from uwgraph.places.topology import TopologicalMap, TopologySettings
 from uwgraph.places.verify import VerifySettings, verify
 from uwgraph.places.view import WATER, View
@@ -29,8 +30,8 @@ from uwgraph.types import FloatArray, RelativePoses
 
 TOPOLOGY: Final = "places.npz"
 """The topological map, beside the images of its camera."""
-_KEPT: Final = 64
-"""Views of earlier images that are kept, for neighbours in time are candidates of neighbours in time."""
+_KEPT: Final = 256
+"""Views of earlier images that are kept, about a megabyte each."""
 
 
 class MatchSettings(Settings):
@@ -89,50 +90,52 @@ def match_places(
         When no image can be read.
     """
     settings, tell = settings or MatchSettings(), progress or (lambda doing, share: None)
-    mask = still_mask(eyes)
-    look = _Look(eyes, settings.odometry, mask, WATER if n is None else n)
+    look = _Look(eyes, settings.odometry, still_mask(eyes), WATER if n is None else n)
+    unread: list[str] = []
     known = known_of(dive, eyes.t_ns)
     descriptors: dict[int, Descriptor] = {}
 
-    def frames() -> Iterator[Frame]:
+    def views() -> Iterator[View]:
         for k in range(len(eyes)):
             tell("visual odometry", k / len(eyes))
-            frame = look.frame(k)
-            if frame is not None:
-                z = model.describe(frame[1], mask)
-                if z is not None:
-                    descriptors[k] = z
-                yield frame
+            try:
+                view = look.view(k)
+                z = look.described(k, model)
+            except DataError as error:
+                unread.append(str(error))
+                continue
+            if z is not None:
+                descriptors[k] = z
+            yield view
 
-    odometry = visual_odometry(frames(), eyes.cameras, known=known, settings=settings.odometry, mask=mask, n=look.n)
-    if len(look.unread) == len(eyes):
-        raise DataError(f"none of {len(eyes)} images can be read", where=eyes.first.name, remedy=look.unread[0])
+    odometry = track(views(), known, settings.odometry)
+    if len(unread) == len(eyes):
+        raise DataError(f"none of {len(eyes)} images can be read", where=eyes.first.name, remedy=unread[0])
     topology, closures = _closures(eyes, look, known, descriptors, odometry, poses, model.size, settings, tell)
-    return Matched(odometry, closures, topology, len(eyes), len(descriptors), look.unread)
+    return Matched(odometry, closures, topology, len(eyes), len(descriptors), unread)
 
 
 class _Look:
-    """Images and their views by number."""
+    """Images, their features and views by number."""
 
     def __init__(self, eyes: Eyes, settings: OdometrySettings, mask: Grey | None, n: float) -> None:
         self.eyes, self.settings, self.mask, self.n = eyes, settings, mask, n
-        self.unread: list[str] = []
+        self.features = lru_cache(1)(self._features)
         self.view = lru_cache(_KEPT)(self._view)
 
-    def frame(self, k: int) -> Frame | None:
-        """The images of a moment; None, and a line in ``unread``, where one cannot be read."""
-        try:
-            return self._frame(k)
-        except DataError as error:
-            self.unread.append(str(error))
-            return None
+    def described(self, k: int, model: PlaceModel) -> Descriptor | None:
+        """The descriptor of an image, from the features that odometry uses where the model takes the like."""
+        if model.takes(self.settings.enhancement, self.settings.local):
+            return model.of_features(self.features(k)[0])
+        return model.describe(self.eyes.first.read(k), self.mask)
 
-    def _frame(self, k: int) -> Frame:
-        t_ns, images = int(self.eyes.t_ns[k]), self.eyes.read(k)
-        return (t_ns, images[0]) if len(images) == 1 else (t_ns, images[0], images[1])
+    def _features(self, k: int) -> list[LocalFeatures]:
+        how = self.settings
+        return [features_of(image, how.enhancement, how.local, self.mask) for image in self.eyes.read(k)]
 
     def _view(self, k: int) -> View:
-        return view_of_frame(self._frame(k), self.eyes.cameras, self.settings, self.mask, self.n)
+        cameras = [eye.camera for eye in self.eyes.each]
+        return view_of_moment(int(self.eyes.t_ns[k]), self.features(k), cameras, self.n)
 
 
 def _closures(

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from uwgraph.camera.model import Camera, check_size
 from uwgraph.camera.refraction import refractive_index
-from uwgraph.places.enhance import Enhancement, Grey, enhance
-from uwgraph.places.local import LocalFeatures, LocalSettings, extract
+from uwgraph.places.enhance import Enhancement, Grey
+from uwgraph.places.local import LocalFeatures, LocalSettings, features_of
 from uwgraph.places.matching import twin_distances
 from uwgraph.types import FloatArray
 
@@ -92,9 +92,8 @@ def view_of(
     ConfigError
         When the array is no image.
     """
-    grey = enhance(image, how)
-    check_size(camera, grey)
-    return view_of_features(t_ns, extract(grey, local, mask), camera, n=n)
+    check_size(camera, image)
+    return view_of_features(t_ns, features_of(image, how, local, mask), camera, n=n)
 
 
 def view_of_features(t_ns: int, features: LocalFeatures, camera: Camera, *, n: float = WATER) -> View:
