@@ -137,3 +137,24 @@ def test_what_teaches_nothing_is_refused(surveyed, name: str) -> None:
     with pytest.raises(DataError, match=message) as refused:
         train(*change(*surveyed), QUICK)
     assert refused.value.remedy
+
+
+@pytest.mark.parametrize(
+    "positions",
+    [np.arange(20.0)[:, None] * [30.0, 0.0], np.zeros((20, 2)), np.arange(3.0)[:, None] * [30.0, 0.0]],
+    ids=["nothing seen twice", "one place", "three images"],
+)
+def test_without_places_the_euclidean_metric_is_kept_where_that_is_wanted(positions):
+    X = np.random.default_rng(0).normal(size=(len(positions), 40)).astype(np.float32)
+    X /= np.linalg.norm(X, axis=1, keepdims=True)
+    with pytest.raises(DataError):
+        train(X, positions)
+    Z = train(X, positions, or_plain=True).project(X)
+    near, far = np.linalg.norm(X[0] - X, axis=1), np.linalg.norm(Z[0] - Z, axis=1)
+    np.testing.assert_allclose(far, far[1] / near[1] * near, rtol=1e-5, atol=1e-5)
+
+
+def test_images_all_alike_keep_the_euclidean_metric_where_that_is_wanted():
+    X = np.tile(np.eye(1, 30, dtype=np.float32), (10, 1))
+    metric = train(X, np.arange(20.0).reshape(10, 2), or_plain=True)
+    assert np.all(np.isfinite(metric.project(X)))

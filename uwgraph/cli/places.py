@@ -253,7 +253,8 @@ def _learnt_here(dive: Dive, eyes: Eyes, poses: FloatArray, progress: Progress) 
     def tell(share: float) -> None:
         progress("learning places", share)
 
-    return learn_places([Survey(eyes, poses[:, :3])], _sized(TrainSettings(), [dive]), None, tell).model
+    survey = Survey(eyes, poses[:, :3])
+    return learn_places([survey], _sized(TrainSettings(), [dive]), None, tell, or_plain=True).model
 
 
 def _tell(dive: Path, found: Matched, as_json: bool) -> None:

@@ -54,8 +54,12 @@ def learn_places(
     settings: TrainSettings,
     describer: DescriberSettings | OnnxDescriber | None = None,
     progress: Callable[[float], None] | None = None,
+    *,
+    or_plain: bool = False,
 ) -> Learnt:
     """Learn how images become descriptors, and under which metric those of one place are near each other.
+
+    With ``or_plain`` the Euclidean metric where the positions tell no two places apart.
 
     Raises
     ------
@@ -84,7 +88,7 @@ def learn_places(
             where="training of places",
             remedy="; ".join(unread[:1]) or "are the images blank, or black?",
         )
-    metric = train(np.array(X), np.array(positions), settings)
+    metric = train(np.array(X), np.array(positions), settings, or_plain=or_plain)
     return Learnt(PlaceModel(maker, metric), len(X), tuple(unread))
 
 

@@ -43,7 +43,9 @@ class TrainSettings(Settings):
     random_state: int = 0
 
 
-def train(X: NDArray[np.float32], positions: FloatArray, settings: TrainSettings | None = None) -> Metric:
+def train(
+    X: NDArray[np.float32], positions: FloatArray, settings: TrainSettings | None = None, *, or_plain: bool = False
+) -> Metric:
     """The metric under which images of one place are near each other.
 
     Parameters
@@ -52,6 +54,8 @@ def train(X: NDArray[np.float32], positions: FloatArray, settings: TrainSettings
         Descriptors, as a describer makes them.
     positions : shape (N, 2) or (N, 3)
         Where they were taken, m.
+    or_plain : bool
+        Where there are too few images or no two places apart, the Euclidean metric is kept.
 
     Raises
     ------
@@ -59,7 +63,8 @@ def train(X: NDArray[np.float32], positions: FloatArray, settings: TrainSettings
         When there are fewer than eight images, no two places apart, or numbers that are not finite.
     """
     settings = settings or TrainSettings()
-    if len(X) < 8 or len(positions) != len(X) or not np.all(np.isfinite(positions)) or not np.all(np.isfinite(X)):
+    few = len(X) < 8
+    if not len(X) or (few and not or_plain) or len(positions) != len(X) or not _finite(X) or not _finite(positions):
         raise DataError(
             f"{len(X)} descriptors with {len(positions)} positions are not enough, or not finite",
             where="training of places",
@@ -68,17 +73,32 @@ def train(X: NDArray[np.float32], positions: FloatArray, settings: TrainSettings
     every = -(-len(X) // MAX_IMAGES)
     X, positions = X[::every], positions[::every]
     mean, components = principal_components(X, settings.components)
-    if not len(components):
+    if not len(components) and not or_plain:
         raise DataError("all descriptors are the same", where="training of places", remedy="give images of many places")
     U = ((X - mean) @ components.T).astype(np.float64)
-    eye = np.eye(len(components))
-    M = (1.0 - settings.strength) * eye + settings.strength * _mean_metric(U, positions, settings)
-    metric = Metric(mean, components, (symmetric_root(M) - eye).astype(np.float32), 1.0)
-    return _with_gate(metric, X, positions, settings)
+    M = None if few or not len(components) else _mean_metric(U, positions, settings)
+    if M is None and not or_plain:
+        raise DataError(
+            f"no two places of radius {settings.radius_m:g} m with two images each, well apart",
+            where="training of places",
+            remedy="give images of a longer way, or a smaller radius",
+        )
+    change = np.zeros(2 * [len(components)]) if M is None else _part_of(M, settings.strength)
+    return _with_gate(Metric(mean, components, change.astype(np.float32), 1.0), X, positions, settings)
 
 
-def _mean_metric(U: FloatArray, positions: FloatArray, settings: TrainSettings) -> FloatArray:
-    """Mean of the metrics M that draws of places teach, each of mean eigenvalue 1; shape (P, P)."""
+def _finite(x: NDArray[np.floating]) -> bool:
+    return bool(np.all(np.isfinite(x)))
+
+
+def _part_of(M: FloatArray, strength: float) -> FloatArray:
+    """S - I for the mean of the Euclidean metric and M, which counts as ``strength``."""
+    eye = np.eye(len(M))
+    return symmetric_root((1.0 - strength) * eye + strength * M) - eye
+
+
+def _mean_metric(U: FloatArray, positions: FloatArray, settings: TrainSettings) -> FloatArray | None:
+    """Mean of the metrics M that draws of places teach, each of mean eigenvalue 1; (P, P); None without places."""
     rng = np.random.default_rng(settings.random_state)
     gap = settings.gap_m if settings.gap_m is not None else settings.radius_m
     learnt = []
@@ -86,13 +106,7 @@ def _mean_metric(U: FloatArray, positions: FloatArray, settings: TrainSettings) 
         labels = places_apart(positions, settings.radius_m, gap, rng)
         if labels.max() > 0:
             learnt.append(_learnt(U[labels != NO_PLACE], labels[labels != NO_PLACE], settings))
-    if not learnt:
-        raise DataError(
-            f"no two places of radius {settings.radius_m:g} m, {gap:g} m apart, with two images each",
-            where="training of places",
-            remedy="give images of a longer way, or a smaller radius",
-        )
-    return np.asarray(np.mean(learnt, axis=0))
+    return np.asarray(np.mean(learnt, axis=0)) if learnt else None
 
 
 def _learnt(U: FloatArray, labels: NDArray[np.intp], settings: TrainSettings) -> FloatArray:
