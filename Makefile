@@ -37,6 +37,11 @@ bench: setup
 	$(BENCH)/polarization.py
 	$(BENCH)/sun_depth.py
 	$(BENCH)/geolocation.py
+	$(BENCH)/lmnn.py
+	$(BENCH)/closures.py --seeds 4
+	test ! -d $(DATA)/seafloor_photos || $(BENCH)/seafloor_map.py --photos $(DATA)/seafloor_photos
+	test ! -d $(DATA)/subvo || $(BENCH)/retrieval.py --frames $(DATA)/subvo
+	test ! -d $(DATA)/subvo || $(BENCH)/visual_odometry.py --pool $(DATA)/subvo
 	@test -d $(DATA) || echo "no recordings in $(DATA): name their folder with DATA=..."
 	test ! -d $(DATA)/snapir || $(BENCH)/snapir.py $(DATA)/snapir
 	test ! -d $(DATA)/snapir || $(BENCH)/calibration_snapir.py $(DATA)/snapir
