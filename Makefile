@@ -11,8 +11,9 @@ READY  := $(VENV)/.ready
 demo: setup
 	$(BIN)/uwgraph demo -o demo-output
 
+# One process per core; one thread in each, or they would stand in each other's way.
 test: lint
-	$(BIN)/pytest
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile
 
 lint: setup
 	$(BIN)/ruff check .
