@@ -127,7 +127,7 @@ class Aids:
             if found and np.mean(found) > 0.0:
                 return float(np.mean(found))
         if self.length is not None and np.linalg.norm(c) > 1e-9:
-            return max(self.length) / float(np.linalg.norm(c))
+            return max(self.length) / float(np.linalg.norm(c))  # not zero, where the vehicle stands still
         return None
 
 

@@ -101,8 +101,7 @@ def first_guesses(a: View, b: View, aids: Aids, settings: PairSettings) -> list[
     if E is not None and E.shape == (3, 3):
         _, R_ba, t, _ = cv2.recoverPose(E, xa, xb, K, mask=mask)
         R_s = np.asarray(R_ba).T
-        g = Geometry(a.camera.R_bs @ R_s @ b.camera.R_bs.T, -a.camera.R_bs @ R_s @ t.ravel())
-        general = [g]
+        general = [Geometry(a.camera.R_bs @ R_s @ b.camera.R_bs.T, -a.camera.R_bs @ R_s @ t.ravel())]
     flattest = aids.flattest(a.rays, a.camera.l_b)
     walls = [g for g in planar + general if not is_floor(g.plane, aids.floor, flattest)]
     floors = [_floor_beside(g, a, b, aids, flattest, settings.threshold_px) for g in walls]
