@@ -197,7 +197,7 @@ def test_a_planted_defect_is_found(dive: Dive, defect: str) -> None:
     found = [f for f in report.at(level) if (f.stream, f.check) == (stream, check)]  # type: ignore[arg-type]
     assert found, report.rows()
     assert remedy in found[0].remedy
-    assert report.exit_status == int(level == "error" or bool(report.at("error")))
+    assert report.exit_status == (3 if level == "error" or report.at("error") else 0)
 
 
 @pytest.mark.parametrize(("grade", "pattern"), [("mems", "lawnmower"), ("fog", "helix")])
@@ -216,7 +216,7 @@ def test_what_the_rig_knows_is_no_finding(dive: Dive) -> None:
 def test_the_report_is_json_and_a_table(dive: Dive) -> None:
     report = check_dive(repeated(dive))
     told = json.loads(report.to_json())
-    assert told["exit_status"] == 1
+    assert told["exit_status"] == 3
     assert told["findings"][0]["stream"] == "dvl"
     assert len(told["findings"]) == len(report.findings) == len(report.rows())
     console = Console(record=True, width=160, file=open(os.devnull, "w"))  # noqa: SIM115

@@ -39,8 +39,8 @@ def network(tmp_path: Path) -> OnnxDescriber:
 
 
 def test_the_same_place_is_nearer_than_others(vlad: VladDescriber) -> None:
-    """Seen again shifted, darker and with noise."""
-    places = [scene(i, (240, 300)) for i in range(10, 16)]
+    """Seen again shifted, darker and with noise, among 24."""
+    places = [scene(i, (240, 300)) for i in range(10, 34)]
     rng = np.random.default_rng(0)
     first = [vlad.describe(p[:200, :260]) for p in places]
     again = [
@@ -48,7 +48,7 @@ def test_the_same_place_is_nearer_than_others(vlad: VladDescriber) -> None:
     ]
     second = [vlad.describe(p) for p in again]
     likeness = np.array(first) @ np.array(second).T
-    np.testing.assert_array_equal(likeness.argmax(axis=1), np.arange(6))
+    assert np.mean(likeness.argmax(axis=1) == np.arange(24)) >= 0.8
 
 
 BLANKS = {

@@ -45,7 +45,7 @@ def test_root_sift_has_unit_length() -> None:
 def test_pixels_are_those_of_the_image_as_given() -> None:
     """A blob keeps its place though the image is reduced to a third."""
     image = np.full((900, 1200), 60, np.uint8)
-    cv2.circle(image, (700, 300), 30, 220, -1)
+    cv2.ellipse(image, (700, 300), (30, 26), 20, 0, 360, 220, -1)
     small = extract(image, LocalSettings(max_side=400))
     distance = np.linalg.norm(small.uv - [700.0, 300.0], axis=1)
     assert distance.min() < 1.5

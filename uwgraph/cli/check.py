@@ -7,8 +7,6 @@ from typing import Annotated
 
 import typer
 
-from uwgraph.cli.console import EXIT_DATA
-
 EXAMPLES = "Example: [bold]uwgraph check dives/run1[/bold]. The exit code is 3 when there are errors."
 
 
@@ -29,4 +27,4 @@ def check(
     else:
         Console().print(render(report))
     if report.exit_status:
-        raise typer.Exit(EXIT_DATA)
+        raise typer.Exit(report.exit_status)

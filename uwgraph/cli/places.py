@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from uwgraph.places.model_file import PlaceModel
     from uwgraph.places.process import Matched
     from uwgraph.places.train import TrainSettings
-    from uwgraph.types import FloatArray, Origin, TimeArray
+    from uwgraph.types import FloatArray, Origin, RelativePoses, TimeArray
 
 app = typer.Typer(
     help="Places seen again and visual odometry, from a dive's images.",
@@ -50,6 +50,8 @@ SettingsOption = Annotated[
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="JSON on standard output, for programs.")]
 
+MANY = 0.2
+"""Part of the steps that is not chance."""
 RADIUS_OF_ALTITUDE = 0.25
 """Images whose places differ by this part of the altitude show mostly the same floor."""
 
@@ -182,7 +184,7 @@ def match(
     for name, stream in (("odometry", found.odometry), ("closures", found.closures)):
         if len(stream):
             add_stream(dive, name, stream, replace=force)
-    _tell(dive, found, as_json)
+    _tell(dive, found, eyes.second is not None, as_json)
 
 
 SHOW_EXAMPLES = "Example: [bold]uwgraph places show dives/reef --solution out/reef -o places.png[/bold]"
@@ -257,20 +259,22 @@ def _learnt_here(dive: Dive, eyes: Eyes, poses: FloatArray, progress: Progress) 
     return learn_places([survey], _sized(TrainSettings(), [dive]), None, tell, or_plain=True).model
 
 
-def _tell(dive: Path, found: Matched, as_json: bool) -> None:
+def _tell(dive: Path, found: Matched, stereo: bool, as_json: bool) -> None:
     odometry, closures = found.odometry, found.closures
-    refused = Counter(reason.partition(":")[0] for reason in closures.reason[~closures.accepted].tolist()).most_common()
+    refused = _refusals(closures)
     steps, verified, nodes = int(odometry.accepted.sum()), int(closures.accepted.sum()), len(found.topology.nodes)
     for line in found.unread[:3]:
         note(f"left out: {line}")
+    for line in _doubts(found, stereo):
+        note(f"warning: {line}")
     if as_json:
         print_json(
             {
                 "images": found.images,
                 "described": found.described,
                 "unread": len(found.unread),
-                "odometry": {"steps": len(odometry), "accepted": steps},
-                "closures": {"candidates": len(closures), "accepted": verified, "refused": dict(refused)},
+                "odometry": {"steps": len(odometry), "accepted": steps, "refused": _refusals(odometry)},
+                "closures": {"candidates": len(closures), "accepted": verified, "refused": refused},
                 "nodes": nodes,
             }
         )
@@ -279,5 +283,31 @@ def _tell(dive: Path, found: Matched, as_json: bool) -> None:
         f"{dive}: visual odometry in {steps} of {len(odometry)} steps; {verified} of {len(closures)} candidates "
         f"verified as places seen again; {nodes} places"
     )
-    if refused:
-        print_table("candidates that were refused", (), [(why, str(count)) for why, count in refused[:8]])
+    for title, reasons in (("steps", _refusals(odometry)), ("candidates", refused)):
+        if reasons:
+            rows = [(why, str(count)) for why, count in list(reasons.items())[:8]]
+            print_table(f"{title} that were refused", (), rows)
+
+
+def _refusals(poses: RelativePoses) -> dict[str, int]:
+    """How often which reason was given, the most frequent first."""
+    reasons = poses.reason[~poses.accepted].tolist()
+    return dict(Counter(reason.partition(":")[0] for reason in reasons).most_common())
+
+
+def _doubts(found: Matched, stereo: bool) -> Iterator[str]:
+    """What a person should look into."""
+    from uwgraph.places.motion import TURNS_OTHERWISE
+
+    steps = found.odometry
+    if not len(steps):
+        yield f"no motion: {found.described} of {found.images} images show anything to recognise, and two in a row must"
+        return
+    other_turn = _refusals(steps).get(TURNS_OTHERWISE, 0)
+    if other_turn > MANY * len(steps):
+        yield (
+            f"{other_turn} of {len(steps)} steps turn otherwise than the gyro: is the camera.yaml right (mount, focal "
+            "length), and rig.visual.time_offset_s?"
+        )
+    if stereo and steps.accepted.any() and "stereo" not in steps.reason[steps.accepted].tolist():
+        yield "the two cameras gave no ranges: are their camera.yaml files exchanged, or calibrated apart?"

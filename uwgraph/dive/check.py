@@ -42,8 +42,8 @@ class CheckReport:
 
     @property
     def exit_status(self) -> int:
-        """1 when there is an error, 0 otherwise."""
-        return int(bool(self.at("error")))
+        """That of ``uwgraph check``: 3 when there is an error, 0 otherwise."""
+        return 3 if self.at("error") else 0
 
     @property
     def summary(self) -> str:

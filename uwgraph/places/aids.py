@@ -127,7 +127,7 @@ class Aids:
             if found and np.mean(found) > 0.0:
                 return float(np.mean(found))
         if self.length is not None and np.linalg.norm(c) > 1e-9:
-            return max(self.length) / float(np.linalg.norm(c))  # not zero, where the vehicle stands still
+            return _scale_to_length(c, l_b - R @ l_b, max(self.length))  # not zero, where the vehicle stands still
         return None
 
 
@@ -181,6 +181,13 @@ def soundings_of(altitude: Altitude, rig: AltitudeRig, max_gap_s: float = 2.0) -
         return Sounding(float(value), float(max(sigma[before], sigma[after])), rig.l_b, axis)
 
     return at
+
+
+def _scale_to_length(c: FloatArray, swing: FloatArray, length: float) -> float | None:
+    """s with |s c + swing| = length; None where the camera's own swing about the body is as long, and s ambiguous."""
+    squared, along = float(c @ c), float(c @ swing)
+    rest = length**2 - float(swing @ swing)
+    return None if rest <= 0.0 else (-along + float(np.sqrt(along**2 + squared * rest))) / squared
 
 
 def body_translation(R: FloatArray, c: FloatArray, l_b: FloatArray) -> FloatArray:

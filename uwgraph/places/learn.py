@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any, Final
 
 import numpy as np
@@ -68,7 +69,7 @@ def learn_places(
     """
     unread: list[str] = []
     masks = [still_mask(survey.eyes) for survey in surveys]
-    maker = describer if isinstance(describer, OnnxDescriber) else _vocabulary(surveys, masks[0], describer)
+    maker = describer if isinstance(describer, OnnxDescriber) else _vocabulary(surveys, masks[0], describer, unread)
     total = sum(len(survey.known) for survey in surveys)
     X: list[Descriptor] = []
     positions: list[FloatArray] = []
@@ -92,10 +93,21 @@ def learn_places(
     return Learnt(PlaceModel(maker, metric), len(X), tuple(unread))
 
 
-def _vocabulary(surveys: Sequence[Survey], mask: Grey | None, settings: DescriberSettings | None) -> VladDescriber:
+def _vocabulary(
+    surveys: Sequence[Survey], mask: Grey | None, settings: DescriberSettings | None, unread: list[str]
+) -> VladDescriber:
     every = max(sum(len(survey.known) for survey in surveys) // VOCABULARY_FROM, 1)
-    read = (image for survey in surveys for _, image in _read(survey.eyes, survey.known[::every], []))
-    return VladDescriber.learn(read, settings, mask)
+    images = (image for survey in surveys for _, image in _read(survey.eyes, survey.known[::every], unread))
+    first = next(images, None)
+    if first is None:
+        raise DataError(
+            "there is no image whose position is known, or none can be read",
+            where="training of places",
+            remedy="; ".join(unread[:1]) or "do the images' stamps lie within the dive? see rig.visual.time_offset_s",
+        )
+    describer = VladDescriber.learn(chain([first], images), settings, mask)
+    unread.clear()  # they are read again
+    return describer
 
 
 def still_mask(eyes: Eyes) -> Grey | None:

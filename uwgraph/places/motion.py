@@ -15,6 +15,11 @@ from uwgraph.types import NOT_MEASURED, FloatArray, RelativePoses
 SEEN: Final = 4.0
 """A translation shorter than this many of its own 1-sigma has no direction."""
 
+CONTRADICTION: Final = 4.0
+"""The motion and what else is known of the pair contradict each other at more sigma than this."""
+TURNS_OTHERWISE: Final = "turns otherwise than the gyro"
+NOT_WHERE_SOUNDED: Final = "the scale is not plausible: the floor is not where the echo sounder says"
+
 IndexArray = NDArray[np.intp]
 
 

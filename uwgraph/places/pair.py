@@ -6,7 +6,7 @@ import numpy as np
 
 from uwgraph.places.aids import Aids
 from uwgraph.places.matching import match
-from uwgraph.places.motion import Motion, failed
+from uwgraph.places.motion import CONTRADICTION, TURNS_OTHERWISE, Motion, failed
 from uwgraph.places.rivals import rival
 from uwgraph.places.stereo import stereo_motion
 from uwgraph.places.twoview import PairSettings, two_view_motion
@@ -34,8 +34,10 @@ def pair_motion(a: View, b: View, aids: Aids | None = None, settings: PairSettin
         matches = matches.select(placed) if motion.accepted else matches
     if not motion.accepted:
         motion = two_view_motion(a, b, matches, aids, settings)
-    if not motion.accepted:
+    if not motion.accepted or motion.geometry is None:
         return motion
+    if np.abs(aids.of_rotation(motion.geometry.R)).max(initial=0.0) > CONTRADICTION:
+        return motion.refused(TURNS_OTHERWISE)
     others = rival(a, b, matches, np.isin(matches.a, motion.seen_a))
     if others:
         return motion.refused(f"ambiguous: {others} points agree with another motion, {motion.inliers} with this one")

@@ -115,6 +115,9 @@ def planes_of(H: FloatArray, a: View, R_bs_b: FloatArray) -> list[Geometry]:
     found: list[Geometry] = []
     for R_ba, t, normal in zip(rotations, ways, normals, strict=True):
         R_s = np.asarray(R_ba).T
+        if not normal.any():  # the camera only turned: any plane before it does
+            normal = a.camera.R_bs.T @ a.rays.mean(axis=0)
+            normal /= np.linalg.norm(normal)
         sign = float(np.sign(np.median(a.rays @ a.camera.R_bs @ normal.ravel()))) or 1.0
         plane, c = a.camera.R_bs @ normal.ravel() * sign, -a.camera.R_bs @ R_s @ t.ravel() * sign
         g = Geometry(a.camera.R_bs @ R_s @ R_bs_b.T, c, plane)

@@ -87,8 +87,9 @@ def match_places(
     Raises
     ------
     DataError
-        When no image can be read.
+        When no image can be read, or none was taken within the dive.
     """
+    _check_stamps(dive, eyes)
     settings, tell = settings or MatchSettings(), progress or (lambda doing, share: None)
     look = _Look(eyes, settings.odometry, still_mask(eyes), WATER if n is None else n)
     unread: list[str] = []
@@ -113,6 +114,18 @@ def match_places(
         raise DataError(f"none of {len(eyes)} images can be read", where=eyes.first.name, remedy=unread[0])
     topology, closures = _closures(eyes, look, known, descriptors, odometry, poses, model.size, settings, tell)
     return Matched(odometry, closures, topology, len(eyes), len(descriptors), unread)
+
+
+def _check_stamps(dive: Dive, eyes: Eyes) -> None:
+    if dive.imu is None:
+        return
+    at = eyes.t_ns + dive.rig.visual.time_offset_ns
+    if not np.any((at >= dive.imu.t_ns[0]) & (at <= dive.imu.t_ns[-1])):
+        raise DataError(
+            f"none of {len(eyes)} images was taken while the IMU ran",
+            where=eyes.first.name,
+            remedy="correct the stamps of the images, or give rig.visual.time_offset_s",
+        )
 
 
 class _Look:

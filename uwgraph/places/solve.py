@@ -32,6 +32,8 @@ class Solved:
     """What the points are off by, pixels."""
     aid_cost: float
     """Squared whitened residuals of the aids."""
+    off_soundings: float
+    """Largest whitened residual of the soundings, sigma; 0 where they tell nothing."""
 
 
 def solve(g: Geometry, a: View, b: View, on_plane: BoolArray, aids: Aids) -> Solved:
@@ -69,7 +71,10 @@ def solve(g: Geometry, a: View, b: View, on_plane: BoolArray, aids: Aids) -> Sol
     fit = refine(g, points, dims, known, blocks(a.features.uv[order]))
     if floor and not is_floor(fit.geometry.plane, aids.floor, flattest):  # it was taken for one
         return solve(fit.geometry, a, b, on_plane, aids)
-    return Solved(fit.geometry, fit.cov, metric, fit.sigma, fit.aid_cost)
+    g, off_soundings = fit.geometry, 0.0
+    if floor and metric and g.plane is not None:
+        off_soundings = float(np.abs(aids.of_soundings(g.R, g.c, g.plane, l_b, relief)).max(initial=0.0))
+    return Solved(g, fit.cov, metric, fit.sigma, fit.aid_cost, off_soundings)
 
 
 def is_floor(plane: FloatArray | None, floor: FloatArray, flattest: float) -> bool:

@@ -11,7 +11,14 @@ from pydantic import Field
 from uwgraph.dive.rig import Positive, Settings
 from uwgraph.places.aids import STEEPEST, Aids
 from uwgraph.places.matching import Matches
-from uwgraph.places.motion import Motion, failed, motion_in_body, rotation_vector
+from uwgraph.places.motion import (
+    CONTRADICTION,
+    NOT_WHERE_SOUNDED,
+    Motion,
+    failed,
+    motion_in_body,
+    rotation_vector,
+)
 from uwgraph.places.plane import (
     Geometry,
     epipolar,
@@ -85,6 +92,8 @@ def two_view_motion(a: View, b: View, matches: Matches, aids: Aids, settings: Pa
     motion = _motion(solved, cov, agree, va, vb, matches)
     if any(_apart(d, solved) for d in doubts):
         return motion.refused("two motions explain the images as well")
+    if solved.off_soundings > CONTRADICTION:
+        return motion.refused(NOT_WHERE_SOUNDED)
     return motion
 
 

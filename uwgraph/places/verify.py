@@ -10,7 +10,7 @@ from pydantic import Field
 
 from uwgraph.dive.rig import Positive
 from uwgraph.places.aids import Aids, Known
-from uwgraph.places.motion import Motion, relative_poses
+from uwgraph.places.motion import CONTRADICTION, NOT_WHERE_SOUNDED, Motion, relative_poses
 from uwgraph.places.pair import pair_motion
 from uwgraph.places.twoview import PairSettings
 from uwgraph.places.view import View
@@ -18,8 +18,6 @@ from uwgraph.types import FloatArray, RelativePoses
 
 GRID: Final = 6
 """Cells of an image along either side."""
-CONTRADICTION: Final = 4.0
-"""The motion and what else is known of the pair contradict each other at more sigma than this."""
 
 
 class VerifySettings(PairSettings):
@@ -78,14 +76,12 @@ def _contradiction(motion: Motion, aids: Aids, l_b: FloatArray) -> str | None:
     g = motion.geometry
     if g is None:
         return None
-    if np.abs(aids.of_rotation(g.R)).max(initial=0.0) > CONTRADICTION:
-        return "turns otherwise than the gyro"
     if g.plane is None or not motion.metric:
         return None
     if np.linalg.norm(aids.of_slope(g.plane)) > CONTRADICTION:
         return "the floor would be too steep"
     if np.abs(aids.of_soundings(g.R, g.c, g.plane, l_b)).max(initial=0.0) > CONTRADICTION:
-        return "the scale is not plausible: the floor is not where the echo sounder says"
+        return NOT_WHERE_SOUNDED
     return None
 
 

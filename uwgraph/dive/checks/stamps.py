@@ -9,14 +9,13 @@ import numpy as np
 from uwgraph.dive.checks.finding import Finding
 from uwgraph.dive.model import Dive
 from uwgraph.dive.timing import unstretch_stream
+from uwgraph.dive.validate import SHARED_STAMPS
 from uwgraph.types import FloatArray, Stream
 
-SHARED_STAMPS = ("fixes", "sun")
-"""Streams with several sources, where two samples may share a stamp."""
 MAX_IMU_GAP_S = 1.0
 """Nothing carries the attitude across a longer gap."""
 GAP_PERIODS = 5.0
-IRREGULAR = ("fixes", "sun", "gravity")
+IRREGULAR = ("fixes", "sun", "gravity", "odometry", "closures")
 """Streams that come when they can."""
 JITTER = 0.2
 OVERLAP = 0.9
