@@ -159,18 +159,24 @@ def _track(prepared: Prepared, solution: Solution) -> Track:
 
 
 def resample(dive: Dive, solution: Solution, t_ns: TimeArray) -> Solution:
-    """The solution at any stamps within it: the IMU turns the attitude, covariances are the last keyframe's."""
+    """The solution at any stamps within it: the IMU turns the attitude, covariances are the last keyframe's.
+
+    The covariance of a pose is in body axes: what was known of n stays known, and turns with the body.
+    """
     track = _track(prepare(dive), solution)
     k = np.clip(np.searchsorted(solution.t_ns, t_ns, side="right") - 1, 0, len(solution) - 1)
+    R_nb = track.rotation_at(t_ns)
+    turn = np.zeros((len(t_ns), 6, 6))
+    turn[:, :3, :3] = turn[:, 3:, 3:] = np.swapaxes(R_nb, 1, 2) @ solution.R_nb[k]
     return replace(
         solution,
         t_ns=t_ns,
-        R_nb=track.rotation_at(t_ns),
+        R_nb=R_nb,
         p_n=track.position_at(t_ns),
         v_n=track.velocity_at(t_ns),
         bias_gyro=solution.bias_gyro[k],
         bias_accel=solution.bias_accel[k],
-        cov_pose=solution.cov_pose[k],
+        cov_pose=turn @ solution.cov_pose[k] @ np.swapaxes(turn, 1, 2),
         cov_v=solution.cov_v[k],
         cov_bias=solution.cov_bias[k],
     )
