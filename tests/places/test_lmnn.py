@@ -6,9 +6,10 @@ import joblib
 import numpy as np
 import pytest
 from sklearn.base import clone
-from sklearn.datasets import load_digits, load_iris, load_wine, make_blobs
+from sklearn.datasets import load_digits, load_iris, load_wine, make_blobs, make_moons
+from sklearn.decomposition import PCA
 from sklearn.exceptions import ConvergenceWarning, NotFittedError
-from sklearn.model_selection import GridSearchCV, StratifiedShuffleSplit
+from sklearn.model_selection import GridSearchCV, StratifiedShuffleSplit, cross_val_score
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
@@ -237,3 +238,12 @@ def test_callback_and_verbose_tell_every_iteration(capsys):
     assert [i for i, _ in seen] == list(range(1, fitted.n_iter_ + 1))
     np.testing.assert_allclose(seen[-1][1], fitted.components_)
     assert len(capsys.readouterr().out.splitlines()) == fitted.n_iter_
+
+
+def test_low_rank_finds_what_a_pca_leaves_out() -> None:
+    """Two moons beside ten columns of nuisance, each larger than they: two components of a PCA hold no signal."""
+    X, y = make_moons(300, noise=0.1, random_state=0)
+    X = np.c_[X, np.random.default_rng(0).normal(0.0, 1.5, (300, 10))]
+    learnt = make_pipeline(LMNN(2), KNeighborsClassifier(3))
+    reduced = make_pipeline(PCA(2), KNeighborsClassifier(3))
+    assert cross_val_score(learnt, X, y, cv=3).mean() > cross_val_score(reduced, X, y, cv=3).mean() + 0.15

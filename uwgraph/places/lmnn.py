@@ -127,7 +127,8 @@ class LMNN(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
         order = np.argsort(labels, kind="stable")
         points, starts = (X - X.mean(axis=0))[order], class_starts(labels[order])
         L = self._start(points)
-        targets = target_neighbours(points @ L.T, starts, self.n_neighbors)
+        given = isinstance(self.init, np.ndarray)  # a few components of a PCA would choose neighbours by them alone
+        targets = target_neighbours(points @ L.T if given else points, starts, self.n_neighbors)
         if starts.size < 3 or np.all(targets < 0):
             return self._nothing_to_learn(L)
         unit = _unit(points @ L.T, targets)
