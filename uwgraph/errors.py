@@ -2,6 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Final
+
+EXIT_INTERNAL: Final = 1
+EXIT_USAGE: Final = 2
+EXIT_DATA: Final = 3
+EXIT_SOLVE: Final = 4
+EXIT_INTERRUPTED: Final = 130
+"""What the commands exit with; ``uwgraph.cli.console`` maps the errors to them."""
+
 
 class UwgraphError(Exception):
     """Base of every error that uwgraph raises on purpose.

@@ -14,9 +14,19 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
 
-from uwgraph.errors import ConfigError, DataError, InitialisationError, SolveError, UwgraphError
+from uwgraph.errors import (
+    EXIT_DATA,
+    EXIT_INTERNAL,
+    EXIT_INTERRUPTED,
+    EXIT_SOLVE,
+    EXIT_USAGE,
+    ConfigError,
+    DataError,
+    InitialisationError,
+    SolveError,
+    UwgraphError,
+)
 
-EXIT_INTERNAL, EXIT_USAGE, EXIT_DATA, EXIT_SOLVE, EXIT_INTERRUPTED = 1, 2, 3, 4, 130
 _EXIT_CODES: Mapping[type[UwgraphError], int] = {
     ConfigError: EXIT_USAGE,
     DataError: EXIT_DATA,

@@ -25,9 +25,7 @@ if TYPE_CHECKING:
 app = typer.Typer(
     help="Places seen again and visual odometry, from a dive's images.",
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode="rich",
-    pretty_exceptions_enable=False,
 )
 
 DiveArgument = Annotated[Path, typer.Argument(metavar="DIVE", help="A dive folder with images/CAMERA/camera.yaml.")]
@@ -260,12 +258,14 @@ def _learnt_here(dive: Dive, eyes: Eyes, poses: FloatArray, progress: Progress) 
 
 
 def _tell(dive: Path, found: Matched, stereo: bool, as_json: bool) -> None:
+    from uwgraph.places.motion import TURNS_OTHERWISE
+
     odometry, closures = found.odometry, found.closures
-    refused = _refusals(closures)
+    not_moved, not_seen_again = _refusals(odometry), _refusals(closures)
     steps, verified, nodes = int(odometry.accepted.sum()), int(closures.accepted.sum()), len(found.topology.nodes)
     for line in found.unread[:3]:
         note(f"left out: {line}")
-    for line in _doubts(found, stereo):
+    for line in _doubts(found, not_moved.get(TURNS_OTHERWISE, 0), stereo):
         note(f"warning: {line}")
     if as_json:
         print_json(
@@ -273,8 +273,8 @@ def _tell(dive: Path, found: Matched, stereo: bool, as_json: bool) -> None:
                 "images": found.images,
                 "described": found.described,
                 "unread": len(found.unread),
-                "odometry": {"steps": len(odometry), "accepted": steps, "refused": _refusals(odometry)},
-                "closures": {"candidates": len(closures), "accepted": verified, "refused": refused},
+                "odometry": {"steps": len(odometry), "accepted": steps, "refused": not_moved},
+                "closures": {"candidates": len(closures), "accepted": verified, "refused": not_seen_again},
                 "nodes": nodes,
             }
         )
@@ -283,7 +283,7 @@ def _tell(dive: Path, found: Matched, stereo: bool, as_json: bool) -> None:
         f"{dive}: visual odometry in {steps} of {len(odometry)} steps; {verified} of {len(closures)} candidates "
         f"verified as places seen again; {nodes} places"
     )
-    for title, reasons in (("steps", _refusals(odometry)), ("candidates", refused)):
+    for title, reasons in (("steps", not_moved), ("candidates", not_seen_again)):
         if reasons:
             rows = [(why, str(count)) for why, count in list(reasons.items())[:8]]
             print_table(f"{title} that were refused", (), rows)
@@ -295,15 +295,12 @@ def _refusals(poses: RelativePoses) -> dict[str, int]:
     return dict(Counter(reason.partition(":")[0] for reason in reasons).most_common())
 
 
-def _doubts(found: Matched, stereo: bool) -> Iterator[str]:
-    """What a person should look into."""
-    from uwgraph.places.motion import TURNS_OTHERWISE
-
+def _doubts(found: Matched, other_turn: int, stereo: bool) -> Iterator[str]:
+    """What a person should look into; ``other_turn`` steps contradict the gyro."""
     steps = found.odometry
     if not len(steps):
         yield f"no motion: {found.described} of {found.images} images show anything to recognise, and two in a row must"
         return
-    other_turn = _refusals(steps).get(TURNS_OTHERWISE, 0)
     if other_turn > MANY * len(steps):
         yield (
             f"{other_turn} of {len(steps)} steps turn otherwise than the gyro: is the camera.yaml right (mount, focal "

@@ -21,9 +21,7 @@ if TYPE_CHECKING:
 app = typer.Typer(
     help="The sun from images: one image, a whole dive, or a place from a day of suns.",
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode="rich",
-    pretty_exceptions_enable=False,
 )
 
 ImageFiles = Annotated[list[Path], typer.Argument(metavar="IMAGES...", help="Image files: PNG, TIFF, JPEG.")]

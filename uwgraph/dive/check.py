@@ -17,6 +17,7 @@ from uwgraph.dive.checks.presence import check_presence
 from uwgraph.dive.checks.stamps import check_stamps
 from uwgraph.dive.inertial_track import inertial_track
 from uwgraph.dive.model import Dive
+from uwgraph.errors import EXIT_DATA
 
 Check = Callable[[Subject], Iterator[Finding]]
 CHECKS: tuple[Check, ...] = (
@@ -43,7 +44,7 @@ class CheckReport:
     @property
     def exit_status(self) -> int:
         """That of ``uwgraph check``: 3 when there is an error, 0 otherwise."""
-        return 3 if self.at("error") else 0
+        return EXIT_DATA if self.at("error") else 0
 
     @property
     def summary(self) -> str:

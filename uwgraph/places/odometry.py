@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 from numpy.typing import NDArray
 from pydantic import Field
 
-from uwgraph.camera.model import Camera, check_size
+from uwgraph.camera.model import Camera
 from uwgraph.dive.rig import Positive
 from uwgraph.errors import DataError
 from uwgraph.places.aids import Known
 from uwgraph.places.enhance import Enhancement, Grey
-from uwgraph.places.local import LocalFeatures, LocalSettings, features_of
+from uwgraph.places.local import LocalSettings
 from uwgraph.places.motion import Motion, relative_poses
 from uwgraph.places.pair import pair_motion
-from uwgraph.places.stereo import with_points
+from uwgraph.places.stereo import of_one_moment
 from uwgraph.places.twoview import PairSettings
-from uwgraph.places.view import WATER, View, view_of_features
+from uwgraph.places.view import WATER, View, view_of
 from uwgraph.types import RelativePoses
 
 Frame = tuple[int, NDArray[Any]] | tuple[int, NDArray[Any], NDArray[Any]]
@@ -178,13 +178,7 @@ def view_of_frame(
         raise DataError(
             f"{len(images)} images at a time, but {len(pair)} cameras", where="frames", remedy="give one image of each"
         )
-    for image, camera in zip(images, pair, strict=True):
-        check_size(camera, image)
-    features = [features_of(image, settings.enhancement, settings.local, mask) for image in images]
-    return view_of_moment(int(t_ns), features, pair, n)
-
-
-def view_of_moment(t_ns: int, features: Sequence[LocalFeatures], cameras: Sequence[Camera], n: float) -> View:
-    """The view of the features that one or two cameras saw at a moment."""
-    views = [view_of_features(t_ns, seen, camera, n=n) for seen, camera in zip(features, cameras, strict=True)]
-    return views[0] if len(views) == 1 else with_points(*views)
+    return of_one_moment(
+        view_of(int(t_ns), image, camera, local=settings.local, how=settings.enhancement, mask=mask, n=n)
+        for image, camera in zip(images, pair, strict=True)
+    )

@@ -22,10 +22,11 @@ from uwgraph.places.learn import still_mask
 from uwgraph.places.local import LocalFeatures, features_of
 from uwgraph.places.model_file import PlaceModel
 from uwgraph.places.motion import Motion, relative_poses
-from uwgraph.places.odometry import OdometrySettings, track, view_of_moment
+from uwgraph.places.odometry import OdometrySettings, track
+from uwgraph.places.stereo import of_one_moment
 from uwgraph.places.topology import TopologicalMap, TopologySettings
 from uwgraph.places.verify import VerifySettings, verify
-from uwgraph.places.view import WATER, View
+from uwgraph.places.view import WATER, View, view_of_features
 from uwgraph.types import FloatArray, RelativePoses
 
 TOPOLOGY: Final = "places.npz"
@@ -147,8 +148,8 @@ class _Look:
         return [features_of(image, how.enhancement, how.local, self.mask) for image in self.eyes.read(k)]
 
     def _view(self, k: int) -> View:
-        cameras = [eye.camera for eye in self.eyes.each]
-        return view_of_moment(int(self.eyes.t_ns[k]), self.features(k), cameras, self.n)
+        t_ns, seen = int(self.eyes.t_ns[k]), zip(self.features(k), self.eyes.each, strict=True)
+        return of_one_moment(view_of_features(t_ns, features, eye.camera, n=self.n) for features, eye in seen)
 
 
 def _closures(

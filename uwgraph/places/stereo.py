@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
@@ -25,6 +26,12 @@ GATE: Final = 16.3
 """Chi-square of three degrees of freedom, 99.9 %."""
 NOISE_PX: Final = 0.7
 """What features are off by while the motion is searched, pixels."""
+
+
+def of_one_moment(views: Iterable[View]) -> View:
+    """The view of one camera, or that of the left one of two, with places."""
+    first, *others = views
+    return with_points(first, *others) if others else first
 
 
 def with_points(left: View, right: View) -> View:
