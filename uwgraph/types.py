@@ -218,6 +218,29 @@ class ClosureVerdicts(Stream):
 
 
 @dataclass(frozen=True, eq=False)
+class Innovations(Stream):
+    """What a filter made of every measurement, in the order in which it took them.
+
+    Whitened by the noise that the rig or the log states: one unit is one stated sigma.
+    """
+
+    kind: StrArray
+    """dvl, depth, fixes, heading, sun, closures, ..., shape (N,)."""
+    dof: TimeArray
+    """Dimension m of the measurement, shape (N,)."""
+    whitened: FloatArray
+    """Prediction minus measurement, shape (N, D); NaN beyond the measurement's own dimension."""
+    nis: FloatArray
+    """Squared Mahalanobis distance from the prediction with the noise that the filter believed, over m, shape (N,)."""
+    accepted: BoolArray
+    """Whether it was used, shape (N,); the gate refused the others."""
+    noise: FloatArray
+    """1-sigma that the filter believed along each axis, shape (N, D): 1 where it is the stated one; NaN beyond."""
+    fading: FloatArray
+    """What the predicted covariance was multiplied by, shape (N,): 1 where the filter trusted it."""
+
+
+@dataclass(frozen=True, eq=False)
 class Reference(Stream):
     """Somebody else's solution or the simulator's truth; NaN where a quantity is not known."""
 
