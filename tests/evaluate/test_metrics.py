@@ -74,8 +74,8 @@ def test_without_alignment_a_turn_is_seen_in_the_heading() -> None:
 
 
 def test_unknown_alignment_is_refused() -> None:
-    with pytest.raises(ConfigError, match="se3"):
-        metrics(truth(), as_reference(truth()), "se3")  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="'sim3'.*\n.*se3"):
+        metrics(truth(), as_reference(truth()), "sim3")  # type: ignore[arg-type]
 
 
 def test_nees_is_one_when_errors_are_drawn_from_the_covariance() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,8 @@ from scipy.special import gammaincinv
 from uwgraph.evaluate.align import Alignment, align
 from uwgraph.evaluate.people import People, people, sigmas
 from uwgraph.evaluate.reference import ReferenceAt, known_rows, reference_at
+from uwgraph.evaluate.relative import relative_errors
+from uwgraph.evaluate.statistics import mean, number, percent, rms
 from uwgraph.frames import R_n_local, matrix_from_rph, wrap_pi
 from uwgraph.types import BoolArray, FloatArray, Reference, Solution
 
@@ -28,6 +30,8 @@ class Comparison:
     """After the alignment."""
     estimate: People
     truth: ReferenceAt
+    R_nb_true: FloatArray
+    """Rotation body to navigation of the reference, shape (K, 3, 3); NaN where it does not know all three angles."""
     alignment: Alignment
     matched: BoolArray
     """Keyframes at which the reference knows the horizontal position or the heading, shape (K,)."""
@@ -44,10 +48,12 @@ def compare(solution: Solution, reference: Reference, alignment: Alignment = "no
     truth = reference_at(reference, solution.origin, solution.t_ns)
     solution = align(solution, truth, alignment)
     estimate = people(solution)
+    R_nb_true = R_n_local(solution.origin, estimate.lat, estimate.lon) @ matrix_from_rph(truth.rph)
     return Comparison(
         solution=solution,
         estimate=estimate,
         truth=truth,
+        R_nb_true=R_nb_true,
         alignment=alignment,
         matched=truth.has_position | np.isfinite(truth.rph[:, 2]),
         e_n=solution.p_n - truth.p_n,
@@ -78,8 +84,8 @@ def metrics(solution: Solution, reference: Reference | None = None, alignment: A
     return report
 
 
-def error_metrics(comparison: Comparison) -> dict[str, Any]:
-    """The part of :func:`metrics` that needs a reference."""
+def error_metrics(comparison: Comparison, distances: Sequence[float] | None = None) -> dict[str, Any]:
+    """The part of :func:`metrics` that needs a reference; ``rpe`` has a row for each of ``distances`` [m]."""
     c = comparison
     horizontal = np.hypot(c.e_n[:, 0], c.e_n[:, 1])
     seen = horizontal[np.isfinite(horizontal)]
@@ -94,12 +100,38 @@ def error_metrics(comparison: Comparison) -> dict[str, Any]:
         "horizontal_rmse_m": rms(horizontal),
         "horizontal_max_m": float(seen.max()) if len(seen) else None,
         "final_error_m": final,
-        "final_error_percent": 100.0 * final / distance if final is not None and distance > 0.0 else None,
+        "final_error_percent": percent(final, distance),
+        **ate_metrics(c.e_n, distance),
         "depth_rmse_m": rms(c.e_depth),
         "roll_rmse_deg": rms(roll),
         "pitch_rmse_deg": rms(pitch),
         "heading_rmse_deg": rms(heading),
+        "attitude_rmse_deg": rms(np.degrees(np.linalg.norm(attitude_error_b(c), axis=1))),
         **(nees_metrics(c) if c.alignment == "none" else {}),
+        "rpe": relative_errors(c.solution.p_n, c.solution.R_nb, c.truth.p_n, c.R_nb_true, c.e_rph[:, 2], distances),
+    }
+
+
+def ate_metrics(e_n: FloatArray, distance: float) -> dict[str, Any]:
+    """Absolute trajectory error: length of the position errors, shape (K, 3), in 3-D where heights are known.
+
+    ``ate_dimensions`` tells whether it is 3, or 2 where the reference has no heights at all; ``ate_rmse_percent`` is
+    of the ``distance`` travelled.
+    """
+    deep = known_rows(e_n).any()
+    error = np.linalg.norm(e_n if deep else e_n[:, :2], axis=1)
+    error = error[np.isfinite(error)]
+    if len(error) == 0:
+        return dict.fromkeys(
+            ("ate_rmse_m", "ate_mean_m", "ate_median_m", "ate_max_m", "ate_rmse_percent", "ate_dimensions")
+        )
+    return {
+        "ate_rmse_m": rms(error),
+        "ate_mean_m": mean(error),
+        "ate_median_m": float(np.median(error)),
+        "ate_max_m": float(error.max()),
+        "ate_rmse_percent": percent(rms(error), distance),
+        "ate_dimensions": 3 if deep else 2,
     }
 
 
@@ -119,13 +151,11 @@ def nees_metrics(comparison: Comparison) -> dict[str, Any]:
 
 def attitude_error_b(comparison: Comparison) -> FloatArray:
     """Rotation vector from the estimate to the reference in the body frame, shape (K, 3), rad: GTSAM's tangent."""
-    estimate, truth = comparison.estimate, comparison.truth
-    out = np.full(truth.rph.shape, np.nan)
-    k = known_rows(truth.rph)
+    R_nb, R_nb_true = comparison.solution.R_nb, comparison.R_nb_true
+    out = np.full((len(R_nb), 3), np.nan)
+    k = known_rows((R_nb + R_nb_true).reshape(-1, 9))
     if k.any():
-        R_n_l = R_n_local(comparison.solution.origin, estimate.lat[k], estimate.lon[k])
-        R_nb_true = R_n_l @ matrix_from_rph(truth.rph[k])
-        out[k] = Rotation.from_matrix(np.swapaxes(comparison.solution.R_nb[k], -1, -2) @ R_nb_true).as_rotvec()
+        out[k] = Rotation.from_matrix(np.swapaxes(R_nb[k], -1, -2) @ R_nb_true[k]).as_rotvec()
     return out
 
 
@@ -170,23 +200,6 @@ def path_length(p_n: FloatArray) -> float:
     """Length of the way through the points, in the plane if a height is missing, m."""
     steps = np.diff(p_n[:, np.isfinite(p_n).all(axis=0)], axis=0)
     return float(np.linalg.norm(steps, axis=1).sum())
-
-
-def rms(error: FloatArray) -> float | None:
-    """Root mean square of what is known; None where nothing is."""
-    square = mean(error**2)
-    return None if square is None else float(np.sqrt(square))
-
-
-def mean(value: FloatArray) -> float | None:
-    """Mean of what is known; None where nothing is."""
-    known = value[np.isfinite(value)]
-    return float(known.mean()) if len(known) else None
-
-
-def number(value: float) -> float | None:
-    """JSON has no NaN."""
-    return float(value) if np.isfinite(value) else None
 
 
 def _duration(solution: Solution) -> float:
