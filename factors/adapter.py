@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import gtsam
 import numpy as np
@@ -24,6 +24,15 @@ VALUE_AT = {
     "Vector": gtsam.Values.atVector,
     "ConstantBias": gtsam.Values.atConstantBias,
 }
+
+
+class Poses(NamedTuple):
+    """M poses T_nb as arrays: what stands for a ``Pose3`` where many states are asked at once."""
+
+    R_nb: FloatArray
+    """Shape (M, 3, 3)."""
+    p_n: FloatArray
+    """Shape (M, 3), m."""
 
 
 class Measurement(ABC):
@@ -48,9 +57,44 @@ class Measurement(ABC):
         """Derivative of the residual by each variable, right perturbation; numerical unless overridden."""
         return numerical_jacobians(self, *variables)
 
+    def residuals(self, *variables: Any) -> FloatArray:
+        """:meth:`residual` of M states at once, shape (M, m); one by one unless overridden.
+
+        Poses come as :class:`Poses`, vectors as arrays (M, d), biases as arrays (M, 6), accelerometer then gyro.
+        """
+        each = map(_one_by_one, self.variables, variables)
+        return np.stack([self.residual(*states) for states in zip(*each, strict=True)])
+
     def reference(self, keys: Sequence[int], loss: Loss | None = None) -> gtsam.CustomFactor:
         """The measurement as a Python factor; see :func:`custom_factor`."""
         return custom_factor(self, keys, loss)
+
+
+class ArrayMeasurement(Measurement):
+    """A measurement whose residual is written for many states at once, for filters that spread sigma points."""
+
+    @abstractmethod
+    def residuals(self, *variables: Any) -> FloatArray: ...
+
+    def residual(self, *variables: Any) -> FloatArray:
+        row: FloatArray = self.residuals(*map(_as_arrays, variables))[0]
+        return row
+
+
+def _as_arrays(variable: Any) -> Any:
+    """One GTSAM variable as arrays with a leading axis of length 1."""
+    if isinstance(variable, gtsam.Pose3):
+        return Poses(variable.rotation().matrix()[None], variable.translation()[None])
+    return np.asarray(variable.vector() if isinstance(variable, gtsam.imuBias.ConstantBias) else variable)[None]
+
+
+def _one_by_one(kind: str, variables: Any) -> list[Any]:
+    """M states of one variable as GTSAM has them."""
+    if kind == "Pose3":
+        return [gtsam.Pose3(gtsam.Rot3(R), p) for R, p in zip(*variables, strict=True)]
+    if kind == "ConstantBias":
+        return [gtsam.imuBias.ConstantBias(b[:3], b[3:]) for b in variables]
+    return list(variables)
 
 
 def retract(variable: Any, delta: FloatArray) -> Any:

@@ -10,7 +10,7 @@ import gtsam
 import numpy as np
 from numpy.typing import ArrayLike
 
-from factors.adapter import Loss, Measurement
+from factors.adapter import ArrayMeasurement, Loss, Poses
 from factors.lie import FloatArray, skew
 from factors.noise import gaussian, robust
 
@@ -32,7 +32,7 @@ def depth_from_pressure(
 
 
 @dataclass(frozen=True, eq=False)
-class Depth(Measurement):
+class Depth(ArrayMeasurement):
     """Depth of a sensor, linearised about a place nearby.
 
     down_n . (p_n + R_nb l_b - p_ref_n) = depth - depth_ref. The surface being curved, a reference x metres away
@@ -54,8 +54,9 @@ class Depth(Measurement):
     l_b: FloatArray = field(default_factory=lambda: np.zeros(3))
     """Lever arm from the body origin to the sensor, shape (3,), m."""
 
-    def residual(self, pose: gtsam.Pose3) -> FloatArray:
-        return np.array([self.down_n @ (pose.transformFrom(self.l_b) - self.p_ref_n) - (self.depth - self.depth_ref)])
+    def residuals(self, poses: Poses) -> FloatArray:
+        p = poses.p_n + poses.R_nb @ self.l_b
+        return np.asarray((p - self.p_ref_n) @ self.down_n - (self.depth - self.depth_ref))[:, None]
 
     def jacobians(self, pose: gtsam.Pose3) -> tuple[FloatArray]:
         down_b = self.down_n @ pose.rotation().matrix()

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import gtsam
 import numpy as np
 
-from factors.adapter import Loss, Measurement
+from factors.adapter import ArrayMeasurement, Loss, Poses
 from factors.lie import FloatArray, skew
 from factors.noise import gaussian, robust
 
@@ -17,7 +17,7 @@ FORWARD_UNIT3 = gtsam.Unit3(FORWARD_B)
 
 
 @dataclass(frozen=True, eq=False)
-class Heading(Measurement):
+class Heading(ArrayMeasurement):
     """Heading of the body's x axis: the axis has no component along the horizontal direction right of the heading.
 
     The residual is cos(pitch) sin(heading error). Pitch and roll are left alone (precision exactly zero). A false zero
@@ -35,8 +35,8 @@ class Heading(Measurement):
     R_n_local: FloatArray = field(default_factory=lambda: np.eye(3))
     """Axes of the local north, east and down in n, shape (3, 3); the identity at the origin of the dive."""
 
-    def residual(self, pose: gtsam.Pose3) -> FloatArray:
-        return np.array([self.right_n @ pose.rotation().matrix() @ FORWARD_B])
+    def residuals(self, poses: Poses) -> FloatArray:
+        return np.asarray(poses.R_nb[:, :, 0] @ self.right_n)[:, None]
 
     def jacobians(self, pose: gtsam.Pose3) -> tuple[FloatArray]:
         rotation = -self.right_n @ pose.rotation().matrix() @ skew(FORWARD_B)

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 import gtsam
 import numpy as np
 
-from factors.adapter import Loss, Measurement
+from factors.adapter import ArrayMeasurement, Loss, Poses
 from factors.lie import FloatArray, skew
 from factors.noise import gaussian, robust, sqrt_information_of_covariance
 
 
 @dataclass(frozen=True, eq=False)
-class PositionFix(Measurement):
+class PositionFix(ArrayMeasurement):
     """Position of an antenna or transponder: p_n + R_nb l_b = p_fix_n."""
 
     variables = ("Pose3",)
@@ -28,8 +28,8 @@ class PositionFix(Measurement):
     R_n: FloatArray = field(default_factory=lambda: np.eye(3))
     """Axes of the covariance in n, shape (3, 3): local north, east and down for a fix on the ellipsoid."""
 
-    def residual(self, pose: gtsam.Pose3) -> FloatArray:
-        return np.asarray(pose.transformFrom(self.l_b) - self.p_fix_n)
+    def residuals(self, poses: Poses) -> FloatArray:
+        return np.asarray(poses.p_n + poses.R_nb @ self.l_b - self.p_fix_n)
 
     def jacobians(self, pose: gtsam.Pose3) -> tuple[FloatArray]:
         R_nb = pose.rotation().matrix()

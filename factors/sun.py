@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import gtsam
 import numpy as np
 
-from factors.adapter import Loss, Measurement
+from factors.adapter import ArrayMeasurement, Loss, Poses
 from factors.lie import FloatArray, skew
 from factors.noise import gaussian, robust, sqrt_information, sqrt_information_of_covariance
 
@@ -16,7 +16,7 @@ ZERO = np.zeros(3)
 
 
 @dataclass(frozen=True, eq=False)
-class SunScatter(Measurement):
+class SunScatter(ArrayMeasurement):
     """A rank-2 information on the sun's direction in the body, as the optical front ends give it.
 
     The squared whitened residual s_b^T Lambda s_b, with s_b = R_nb^T s_n, is chi-square with 2 degrees of freedom. It
@@ -30,8 +30,8 @@ class SunScatter(Measurement):
     s_n: FloatArray
     """Unit vector to the sun in n, shape (3,)."""
 
-    def residual(self, pose: gtsam.Pose3) -> FloatArray:
-        return np.asarray(self.s_n @ pose.rotation().matrix())
+    def residuals(self, poses: Poses) -> FloatArray:
+        return np.asarray(self.s_n @ poses.R_nb)
 
     def jacobians(self, pose: gtsam.Pose3) -> tuple[FloatArray]:
         return (np.hstack([skew(self.residual(pose)), np.zeros((3, 3))]),)
@@ -55,7 +55,7 @@ def sun_scatter_factors(
 
 
 @dataclass(frozen=True, eq=False)
-class Direction(Measurement):
+class Direction(ArrayMeasurement):
     """A measured direction, with elevation and azimuth weighted apart.
 
     The residual is R_nb d_b along the directions of growing elevation and azimuth at s_n (chordal: a false zero sits at
@@ -73,8 +73,8 @@ class Direction(Measurement):
     down_n: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     """Local vertical, unit vector in n, shape (3,)."""
 
-    def residual(self, pose: gtsam.Pose3) -> FloatArray:
-        return np.asarray(self.tangents_n @ pose.rotation().matrix() @ self.d_b)
+    def residuals(self, poses: Poses) -> FloatArray:
+        return np.asarray(poses.R_nb @ self.d_b @ self.tangents_n.T)
 
     def jacobians(self, pose: gtsam.Pose3) -> tuple[FloatArray]:
         rotation = -self.tangents_n @ pose.rotation().matrix() @ skew(self.d_b)

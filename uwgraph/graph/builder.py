@@ -12,9 +12,10 @@ from scipy.special import erf
 from scipy.stats import chi2
 
 import factors
-from uwgraph.frames import R_n_local, geodetic_from_ned, gravity_n, rph_from_matrix
 from uwgraph.graph import moving
 from uwgraph.graph.initial import Initial
+from uwgraph.graph.models import depth_models, fix_models, heading_models
+from uwgraph.graph.place import Place, place_at
 from uwgraph.graph.prepare import BodyImu, Prepared
 from uwgraph.graph.relative import closures_at_keyframes, odometry_at_keyframes
 from uwgraph.graph.settings import SmoothSettings
@@ -67,24 +68,6 @@ class Problem:
         return gtsam.Ordering.ColamdConstrainedLastGaussianFactorGraph(linear, [DVL_CALIBRATION])
 
 
-@dataclass(frozen=True, eq=False)
-class Place:
-    """What the Earth is like at each keyframe, along the reference track."""
-
-    p_n: FloatArray
-    """Shape (K, 3)."""
-    R_nb: FloatArray
-    """Shape (K, 3, 3)."""
-    R_local: FloatArray
-    """Axes of local north, east, down in n, shape (K, 3, 3)."""
-    lat: FloatArray
-    lon: FloatArray
-    depth: FloatArray
-    gravity_n: FloatArray
-    bias: gtsam.imuBias.ConstantBias
-    """The track's mean bias: samples are preintegrated about it."""
-
-
 def build(
     prepared: Prepared,
     settings: SmoothSettings,
@@ -97,7 +80,7 @@ def build(
 
     ``closures`` are believed as they are: those that were accepted.
     """
-    place = _places(prepared, keyframes, track)
+    place = place_at(prepared, keyframes, track)
     loss = Losses(settings)
     graph = gtsam.NonlinearFactorGraph()
     counts: dict[str, int] = {}
@@ -112,7 +95,8 @@ def build(
             measured_ns[kind] = t_ns
 
     add("prior", _priors(prepared, initial, track))
-    add("imu", _imu(prepared, keyframes, place))
+    bias = _mean_bias(track)
+    add("imu", _imu(prepared, keyframes, place, bias))
     native, bulk = _dvl(prepared, settings, keyframes, track, loss)
     add("dvl", native)
     add("depth", *_depth(prepared, keyframes, track, place, loss))
@@ -123,7 +107,7 @@ def build(
         add("odometry", odometry_at_keyframes(prepared.odometry, keyframes, track).factors(loss(6)))
     if closures is not None:
         add("closures", closures_at_keyframes(closures, keyframes, track).factors())
-    values = _first_guess(keyframes, track, place)
+    values = _first_guess(keyframes, track, place, bias)
     for block in bulk:
         counts["dvl"] = len(block)
         values.insert(DVL_CALIBRATION, np.zeros(factors.CALIBRATION_DIM))
@@ -146,15 +130,6 @@ class Losses:
         return estimator.Huber.Create(width) if self.kind == "huber" else estimator.Cauchy.Create(width)
 
 
-def _places(prepared: Prepared, keyframes: TimeArray, track: Track) -> Place:
-    p = track.position_at(keyframes)
-    lat, lon, height = geodetic_from_ned(prepared.origin, p)
-    R_local = R_n_local(prepared.origin, lat, lon)
-    gyro = np.broadcast_to(track.bias_gyro, (len(track.t_ns), 3)).mean(axis=0)
-    bias = gtsam.imuBias.ConstantBias(np.zeros(3), gyro)
-    return Place(p, track.rotation_at(keyframes), R_local, lat, lon, -height, gravity_n(prepared.origin, p), bias)
-
-
 def _priors(prepared: Prepared, initial: Initial, track: Track) -> list[gtsam.NonlinearFactor]:
     imu = prepared.dive.rig.imu
     pose = gtsam.Pose3(gtsam.Rot3(initial.R_nb), initial.p_n)
@@ -172,7 +147,15 @@ def _priors(prepared: Prepared, initial: Initial, track: Track) -> list[gtsam.No
     ]
 
 
-def _imu(prepared: Prepared, keyframes: TimeArray, place: Place) -> list[gtsam.NonlinearFactor]:
+def _mean_bias(track: Track) -> gtsam.imuBias.ConstantBias:
+    """The track's mean bias: samples are preintegrated about it."""
+    gyro = np.broadcast_to(track.bias_gyro, (len(track.t_ns), 3)).mean(axis=0)
+    return gtsam.imuBias.ConstantBias(np.zeros(3), gyro)
+
+
+def _imu(
+    prepared: Prepared, keyframes: TimeArray, place: Place, bias: gtsam.imuBias.ConstantBias
+) -> list[gtsam.NonlinearFactor]:
     rig = prepared.dive.rig.imu
     noise = factors.ImuNoise(rig.gyro_noise_density, rig.accel_noise_density, rig.gyro_bias_walk, rig.accel_bias_walk)
     gravity, p_n = (0.5 * (x[1:] + x[:-1]) for x in (place.gravity_n, place.p_n))
@@ -180,7 +163,7 @@ def _imu(prepared: Prepared, keyframes: TimeArray, place: Place) -> list[gtsam.N
         factors.preintegration_params(noise, g, prepared.earth_rate_n, p) for g, p in zip(gravity, p_n, strict=True)
     ]
     imu = prepared.imu
-    pims = factors.preintegrate(params, imu.t_ns[1:], imu.f_b, imu.w_b, keyframes, place.bias)
+    pims = factors.preintegrate(params, imu.t_ns[1:], imu.f_b, imu.w_b, keyframes, bias)
     return [factors.imu_factor((X(k), V(k), X(k + 1), V(k + 1), B(k), B(k + 1)), pim) for k, pim in enumerate(pims)]
 
 
@@ -246,12 +229,7 @@ def _depth(prepared: Prepared, keyframes: TimeArray, track: Track, place: Place,
         return NOTHING
     lever = prepared.dive.rig.depth.l_b
     at = moving.depths(prepared.depth, keyframes, track, lever)
-    robust = loss(1)
-    new = [
-        factors.Depth(d, s, place.R_local[k][:, 2], place.p_n[k], place.depth[k], lever).lowered((X(k),), robust)
-        for k, d, s in zip(at.keyframe.tolist(), at.value.tolist(), at.spread.tolist(), strict=True)
-    ]
-    return new, at.t_ns
+    return _lowered(at, depth_models(at.value, at.spread, place.select(at.keyframe), lever), loss(1)), at.t_ns
 
 
 def _fixes(prepared: Prepared, keyframes: TimeArray, track: Track, loss: Losses) -> Timed:
@@ -259,25 +237,14 @@ def _fixes(prepared: Prepared, keyframes: TimeArray, track: Track, loss: Losses)
         return NOTHING
     lever = prepared.dive.rig.fixes.l_b
     at, R_local = moving.fixes(prepared.fixes, prepared.origin, keyframes, track, lever)
-    robust = loss(3)
-    new = [
-        factors.PositionFix(p, cov, lever, R).lowered((X(k),), robust)
-        for k, p, cov, R in zip(at.keyframe.tolist(), at.value, at.spread, R_local, strict=True)
-    ]
-    return new, at.t_ns
+    return _lowered(at, fix_models(at.value, at.spread, R_local, lever), loss(3)), at.t_ns
 
 
 def _heading(prepared: Prepared, keyframes: TimeArray, track: Track, place: Place, loss: Losses) -> Timed:
     if prepared.heading is None:
         return NOTHING
     at = moving.headings(prepared.heading, keyframes, track)
-    pitch = rph_from_matrix(place.R_nb)[:, 1]
-    robust = loss(1)
-    new = [
-        factors.Heading(h, s, pitch[k], place.R_local[k]).lowered((X(k),), robust)
-        for k, h, s in zip(at.keyframe.tolist(), at.value.tolist(), at.spread.tolist(), strict=True)
-    ]
-    return new, at.t_ns
+    return _lowered(at, heading_models(at.value, at.spread, place.select(at.keyframe)), loss(1)), at.t_ns
 
 
 def _sun(prepared: Prepared, keyframes: TimeArray, track: Track, place: Place, loss: Losses) -> Timed:
@@ -290,11 +257,18 @@ def _sun(prepared: Prepared, keyframes: TimeArray, track: Track, place: Place, l
     return factors.sun_scatter_factors([X(i) for i in k.tolist()], at.spread, s_n, robust), at.t_ns
 
 
-def _first_guess(keyframes: TimeArray, track: Track, place: Place) -> gtsam.Values:
+def _lowered(
+    at: moving.AtKeyframes, models: Sequence[factors.Measurement], robust: factors.adapter.Loss | None
+) -> list[gtsam.NonlinearFactor]:
+    """Native factors of measurements of the keyframes' poses."""
+    return [model.lowered((X(k),), robust) for k, model in zip(at.keyframe.tolist(), models, strict=True)]
+
+
+def _first_guess(keyframes: TimeArray, track: Track, place: Place, bias: gtsam.imuBias.ConstantBias) -> gtsam.Values:
     values = gtsam.Values()
     v_n = track.velocity_at(keyframes)
     for k, (R, p, v) in enumerate(zip(place.R_nb, place.p_n, v_n, strict=True)):
         values.insert(X(k), gtsam.Pose3(gtsam.Rot3(R), p))
         values.insert(V(k), v)
-        values.insert(B(k), place.bias)
+        values.insert(B(k), bias)
     return values

@@ -1,0 +1,1 @@
+"""Filters beside the graph, on the same measurement models: unscented, adaptive, extended, with smoothing pass."""

@@ -1,0 +1,145 @@
+"""A filter over a dive: predict to every epoch, take what was measured there, report where one is asked to.
+
+A measurement that reaches the filter late is used from then on, at its own time: the filter keeps a belief as old as
+the longest delay, up to which everything has come in, and looks ahead from there with what it has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+import factors
+from uwgraph.filters.ins import Ins
+from uwgraph.filters.monitor import Monitor, Policy, Taken
+from uwgraph.filters.state import Belief
+from uwgraph.filters.unscented import Seen
+from uwgraph.graph.observed import Observed
+from uwgraph.graph.place import place_at
+from uwgraph.graph.prepare import Prepared
+from uwgraph.graph.track import Track
+from uwgraph.types import FloatArray, Innovations, TimeArray
+
+IndexArray = NDArray[np.intp]
+
+
+class Kalman(Protocol):
+    """How a belief is predicted and how it sees a measurement: linearised, or by sigma points."""
+
+    ins: Ins
+
+    def predict(self, belief: Belief, t_ns: int, steps: FloatArray, earth: FloatArray) -> Belief:
+        """The belief after steps of dt, specific force and rate, shape (S, 7)."""
+        ...
+
+    def see(self, belief: Belief, observed: Observed) -> Seen:
+        """A measurement's whitened residual over a belief."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Epochs:
+    """When something happens, and the IMU in between."""
+
+    t_ns: TimeArray
+    """Increasing, shape (E,); the first is the start."""
+    steps: FloatArray
+    """All integration steps: dt, specific force, rate, shape (S, 7)."""
+    first: IndexArray
+    """Index of the first step after each epoch, shape (E,)."""
+    earth: FloatArray
+    """Gravity and rotation of n, shape (E, 6)."""
+
+    @classmethod
+    def of(cls, prepared: Prepared, track: Track, t_ns: TimeArray, samples_per_step: int) -> Epochs:
+        imu = prepared.imu
+        steps = factors.integration_steps(imu.t_ns[1:], imu.f_b, imu.w_b, t_ns, samples_per_step=samples_per_step)
+        gravity = place_at(prepared, t_ns, track).gravity_n
+        earth = np.hstack([gravity, np.broadcast_to(prepared.earth_rate_n, gravity.shape)])
+        rows = np.column_stack([steps.dt, steps.f_b, steps.w_b])
+        return cls(t_ns, rows, steps.first, earth)
+
+
+@dataclass(frozen=True, eq=False)
+class Filtering:
+    """Where a filter is: its belief and what it knows of its sensors."""
+
+    belief: Belief
+    monitors: Mapping[str, Monitor] = field(default_factory=dict)
+    epoch: int = 0
+
+
+Record = Callable[[Observed, Taken], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Runner:
+    """A filter, the epochs, and what was measured at each."""
+
+    kalman: Kalman
+    policy: Policy
+    epochs: Epochs
+    measured: Mapping[int, Sequence[Observed]]
+    """By epoch."""
+    delays_ns: Mapping[str, int]
+    """How late each kind arrives; what is not named is at once there."""
+
+    def run(
+        self, start: Filtering, outputs: IndexArray, progress: Callable[[float], None]
+    ) -> tuple[list[Belief], Innovations | None]:
+        """Beliefs at the epochs ``outputs`` (increasing), with what had reached the filter by then."""
+        history: list[tuple[Observed, Taken]] = []
+        late = max(self.delays_ns.values(), default=0)
+        certain, reported = start, []
+        for n, output in enumerate(outputs.tolist()):
+            now = int(self.epochs.t_ns[output])
+            settled = int(np.searchsorted(self.epochs.t_ns, now - late, side="right")) - 1
+            certain = self._advance(certain, max(settled, 0), None, lambda o, t: history.append((o, t)))
+            ahead = certain if settled == output else self._advance(certain, output, now, lambda *_: None)
+            reported.append(ahead.belief)
+            if n % 50 == 0:
+                progress(n / len(outputs))
+        return reported, innovations_of(history)
+
+    def _advance(self, filtering: Filtering, until: int, known_ns: int | None, record: Record) -> Filtering:
+        """On to an epoch, its measurements included; with those only that are there at ``known_ns``."""
+        belief, monitors = filtering.belief, dict(filtering.monitors)
+        epochs = self.epochs
+        for k in range(filtering.epoch, until):
+            steps = epochs.steps[epochs.first[k] : epochs.first[k + 1]]
+            belief = self.kalman.predict(belief, int(epochs.t_ns[k + 1]), steps, epochs.earth[k])
+            for observed in self.measured.get(k + 1, ()):
+                if known_ns is not None and observed.t_ns + self.delays_ns.get(observed.kind, 0) > known_ns:
+                    continue
+                taken = self._take(belief, observed, monitors.get(observed.kind))
+                belief, monitors[observed.kind] = taken.belief, taken.monitor
+                record(observed, taken)
+        return replace(filtering, belief=belief, monitors=monitors, epoch=max(until, filtering.epoch))
+
+    def _take(self, belief: Belief, observed: Observed, monitor: Monitor | None) -> Taken:
+        return self.policy.take(belief, lambda b: self.kalman.see(b, observed), monitor)
+
+
+def innovations_of(history: Sequence[tuple[Observed, Taken]]) -> Innovations | None:
+    """The history as a stream; None where nothing was measured."""
+    if not history:
+        return None
+    width = max(len(taken.whitened) for _, taken in history)
+
+    def padded(row: FloatArray) -> FloatArray:
+        return np.pad(row, (0, width - len(row)), constant_values=np.nan)
+
+    return Innovations(
+        np.array([o.t_ns for o, _ in history], dtype=np.int64),
+        kind=np.array([o.kind for o, _ in history]),
+        dof=np.array([len(t.whitened) for _, t in history], dtype=np.int64),
+        whitened=np.array([padded(t.whitened) for _, t in history]),
+        nis=np.array([t.nis for _, t in history]),
+        accepted=np.array([t.accepted for _, t in history]),
+        noise=np.array([padded(t.noise) for _, t in history]),
+        fading=np.array([t.fading for _, t in history]),
+    )

@@ -1,0 +1,116 @@
+"""The unscented transform on a manifold, in square-root form.
+
+Sigma points are drawn afresh from every covariance, so also after the process noise went in: with points of the
+propagated covariance alone a linear problem would not give the Kalman filter (Julier & Uhlmann 2004; Wan & van der
+Merwe 2001; on manifolds Hertzberg et al. 2013).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from uwgraph.filters.roots import Conditioned, condition, lower_root
+from uwgraph.filters.state import Belief, State
+from uwgraph.types import FloatArray
+
+Motion = Callable[[State], State]
+"""Moves M states at once."""
+Residual = Callable[[State], FloatArray]
+"""Residuals of M states at once, prediction minus measurement, shape (M, m)."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How far sigma points lie from the mean: the usual alpha, beta and kappa.
+
+    With alpha = 1, beta = 2 and kappa = 0 no weight is negative, for any number of states. Where others make the weight
+    of the centre in the covariance negative it counts as zero: the covariance is then too large by the square of the
+    second-order term, and stays a covariance.
+    """
+
+    alpha: float = 1.0
+    beta: float = 2.0
+    kappa: float = 0.0
+
+    def of(self, n: int) -> Weights:
+        return Weights(n, self)
+
+
+@dataclass(frozen=True)
+class Weights:
+    """The spread for n states."""
+
+    n: int
+    spread: Spread
+
+    @cached_property
+    def scale(self) -> float:
+        """sqrt(n + lambda)."""
+        return float(self.spread.alpha * np.sqrt(self.n + self.spread.kappa))
+
+    @cached_property
+    def mean(self) -> FloatArray:
+        """Shape (2 n + 1,)."""
+        W = np.full(2 * self.n + 1, 0.5 / self.scale**2)
+        W[0] = 1.0 - self.n / self.scale**2
+        return W
+
+    @cached_property
+    def root(self) -> FloatArray:
+        """Square roots of the weights of the covariance, shape (2 n + 1, 1)."""
+        W = self.mean.copy()
+        W[0] = max(W[0] + 1.0 - self.spread.alpha**2 + self.spread.beta, 0.0)
+        return np.sqrt(W)[:, None]
+
+    def deviations(self, S: FloatArray) -> FloatArray:
+        """Tangent vectors of the sigma points, shape (2 n + 1, n): zero, then plus and minus the columns of S."""
+        D = np.zeros((2 * self.n + 1, self.n))
+        D[1 : self.n + 1] = self.scale * S.T
+        np.negative(D[1 : self.n + 1], out=D[self.n + 1 :])
+        return D
+
+
+def predict(belief: Belief, t_ns: int, motion: Motion, noise_rows: FloatArray, weights: Weights) -> Belief:
+    """The belief after a motion with additive noise, whose covariance is noise_rows^T noise_rows."""
+    moved = motion(belief.x.plus(weights.deviations(belief.S)))
+    centre = State(moved.R[0], moved.y[0], moved.rot)
+    x = centre.plus(weights.mean @ centre.to(moved))
+    return Belief(t_ns, x, lower_root(np.vstack([weights.root * x.to(moved), noise_rows])))
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A measurement as the sigma points see it: what does not depend on its noise."""
+
+    mean: FloatArray
+    """Mean residual, prediction minus measurement, shape (m,)."""
+    Z: FloatArray
+    """Weighted deviations of the prediction, shape (2 n + 1, m)."""
+    X: FloatArray
+    """Weighted deviations of the state, shape (2 n + 1, n)."""
+
+    @property
+    def spread(self) -> FloatArray:
+        """Covariance of the prediction without the measurement's noise, shape (m, m)."""
+        return np.asarray(self.Z.T @ self.Z)
+
+    def with_noise(self, S_R: FloatArray) -> Conditioned:
+        return condition(self.Z, self.X, S_R)
+
+
+def see(belief: Belief, residual: Residual, weights: Weights) -> Seen:
+    """A measurement's residual over the belief."""
+    D = weights.deviations(belief.S)
+    z = residual(belief.x.plus(D))
+    mean = weights.mean @ z
+    return Seen(mean, weights.root * (z - mean), weights.root * D)
+
+
+def moved_by(belief: Belief, seen: Seen, conditioned: Conditioned) -> Belief:
+    """The belief after the measurement."""
+    d = -conditioned.gain @ conditioned.whiten(seen.mean)
+    return replace(belief, x=belief.x.plus(d), S=conditioned.S)
