@@ -1,0 +1,124 @@
+"""Directions that sensors measured, against what every estimator's attitude makes of them: the sun, and headings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from uwgraph.evaluate.entries import Contest
+from uwgraph.evaluate.people import people
+from uwgraph.frames import R_n_local, geodetic_from_ned, wrap_pi
+from uwgraph.sun.ephemeris import sun_axes, sun_azimuth_elevation
+from uwgraph.types import FloatArray, Heading, Solution, Sun, TimeArray
+
+S = TypeVar("S", Sun, Heading)
+
+
+@dataclass(frozen=True, eq=False)
+class Directions:
+    """What is left of one measured angle."""
+
+    name: str
+    """Of the angle: sun azimuth, sun elevation, heading."""
+    t_ns: TimeArray
+    """Shape (N,)."""
+    sigma_deg: float | None
+    """Median of the stated 1-sigma; None where it is not stated."""
+    residual_deg: list[FloatArray]
+    """Measured minus expected, shape (N,), one array per entry; NaN beyond its stamps."""
+
+
+def directions(contest: Contest) -> list[Directions]:
+    """Azimuth and elevation of the sun and headings, where the dive has them; flagged suns are left out.
+
+    The residual of an azimuth or heading is what the sensor says that the estimate's heading is short of, plus the
+    sensor's noise.
+    """
+    dive = contest.dive
+    if not contest.entries or dive.imu is None or (dive.sun is None and dive.heading is None):
+        return []
+    from uwgraph.graph.prepare import prepare  # loads gtsam, which who only exports or imports can do without
+
+    prepared = prepare(dive)
+    found = []
+    if prepared.sun is not None:
+        sun = prepared.sun.select((prepared.sun.flags == 0) & np.isfinite(prepared.sun.s_b).all(axis=1))
+        found += _of_sun(contest, sun) if len(sun) else []
+    if prepared.heading is not None:
+        found.append(_of_heading(contest, prepared.heading))
+    return found
+
+
+def _of_sun(contest: Contest, sun: Sun) -> list[Directions]:
+    residuals = _residuals(contest, sun, lambda at, seen: sun_residual(at, seen.s_b), columns=2)
+    sigma = stated_sigma(contest, sun)
+    return [
+        Directions(name, sun.t_ns, sigma[column], [residual[:, column] for residual in residuals])
+        for column, name in enumerate(("sun azimuth", "sun elevation"))
+    ]
+
+
+def _of_heading(contest: Contest, heading: Heading) -> Directions:
+    def residual(at: Solution, seen: Heading) -> FloatArray:
+        return np.degrees(wrap_pi(seen.heading - people(at).rph[:, 2]))[:, None]
+
+    residuals = _residuals(contest, heading, residual, columns=1)
+    sigma = float(np.degrees(np.median(heading.sigma)))
+    return Directions("heading", heading.t_ns, sigma, [residual[:, 0] for residual in residuals])
+
+
+def _residuals(
+    contest: Contest, stream: S, residual: Callable[[Solution, S], FloatArray], columns: int
+) -> list[FloatArray]:
+    """Residuals (N, columns) of every entry; NaN beyond its stamps."""
+    from uwgraph.graph import resample
+
+    found = []
+    for entry in contest.entries:
+        solution = entry.judged.solution
+        out = np.full((len(stream), columns), np.nan)
+        inside = (stream.t_ns >= solution.t_ns[0]) & (stream.t_ns <= solution.t_ns[-1])
+        if len(solution) > 1 and inside.any():
+            seen = stream.select(inside)
+            out[inside] = residual(resample(contest.dive, solution, seen.t_ns), seen)
+        found.append(out)
+    return found
+
+
+def sun_residual(at: Solution, s_b: FloatArray) -> FloatArray:
+    """Azimuth and elevation, measured less the almanac's, deg, shape (N, 2), by the attitudes of ``at``."""
+    R_lb, azimuth, elevation = _almanac(at)
+    s_l = np.einsum("nij,nj->ni", R_lb, s_b)
+    across = wrap_pi(np.arctan2(s_l[:, 1], s_l[:, 0]) - azimuth)
+    upward = np.arctan2(-s_l[:, 2], np.hypot(s_l[:, 0], s_l[:, 1])) - elevation
+    residual: FloatArray = np.degrees(np.column_stack([across, upward]))
+    return residual
+
+
+def stated_sigma(contest: Contest, sun: Sun) -> tuple[float | None, float | None]:
+    """Medians of the stated 1-sigma of azimuth and elevation, deg; None where one is not measured."""
+    from uwgraph.graph import resample
+
+    solution = max((entry.judged.solution for entry in contest.entries), key=len)
+    sun = sun.select((sun.t_ns >= solution.t_ns[0]) & (sun.t_ns <= solution.t_ns[-1]))
+    if not len(sun) or len(solution) < 2:
+        return None, None
+    R_lb, azimuth, elevation = _almanac(resample(contest.dive, solution, sun.t_ns))
+    _, across, upward = sun_axes(azimuth, elevation)
+    information_l = R_lb @ sun.information_b @ np.swapaxes(R_lb, 1, 2)
+    known = [
+        np.einsum("ni,nij,nj->n", axis, information_l, axis) for axis in (across * np.cos(elevation)[:, None], upward)
+    ]
+    medians = [float(np.median(information)) for information in known]
+    azimuth_deg, elevation_deg = (float(np.degrees(1.0 / np.sqrt(m))) if m > 0.0 else None for m in medians)
+    return azimuth_deg, elevation_deg
+
+
+def _almanac(at: Solution) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Rotations body to local NED, azimuth and elevation of the sun, at the places and times of ``at``."""
+    lat, lon, _ = geodetic_from_ned(at.origin, at.p_n)
+    R_lb = np.swapaxes(R_n_local(at.origin, lat, lon), -1, -2) @ at.R_nb
+    return R_lb, *sun_azimuth_elevation(at.t_ns, lat, lon)
