@@ -38,6 +38,21 @@ def geodetic_from_ned(origin: Origin, p_n: ArrayLike) -> tuple[FloatArray, Float
     return np.reshape(lat, n.shape), np.reshape(lon, n.shape), np.reshape(height, n.shape)
 
 
+def origin_from(lat: float, lon: float, height: float, p_n: FloatArray) -> Origin:
+    """Where n touches the ellipsoid, given one place [rad, rad, m] and its position in n, shape (3,).
+
+    A place too far north as seen from a guess means that the guess is too far south.
+    """
+    guess = Origin(lat, lon)
+    for _ in range(50):
+        off = ned_from_geodetic(guess, lat, lon, height) - p_n
+        if np.hypot(off[0], off[1]) < 1e-8:
+            break
+        at_lat, at_lon, _ = geodetic_from_ned(guess, np.array([off[0], off[1], 0.0]))
+        guess = Origin(float(at_lat), float(at_lon))
+    return guess
+
+
 def _ecef_from_ned(lat: ArrayLike, lon: ArrayLike) -> FloatArray:
     """Rotation from the NED axes at a place to the Earth's own axes, shape (..., 3, 3)."""
     lat, lon = np.broadcast_arrays(np.asarray(lat, dtype=np.float64), np.asarray(lon, dtype=np.float64))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
+from decimal import Decimal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,6 +36,24 @@ def from_seconds(seconds: ArrayLike, start_ns: int = 0) -> TimeArray:
     whole, part = np.divmod(np.asarray(seconds, dtype=np.float64), 1.0)
     ns: TimeArray = start_ns + whole.astype(np.int64) * NS + np.rint(part * NS).astype(np.int64)
     return ns
+
+
+def from_text(text: str, unit_ns: int = NS) -> int:
+    """Nanoseconds of a decimal number of units (of ``unit_ns`` nanoseconds) as it is written, to the last digit.
+
+    Raises
+    ------
+    ValueError
+        When it is no number, or too large for int64 nanoseconds.
+    """
+    try:
+        ns = (Decimal(text) * unit_ns).to_integral_value()
+        # before int(), which takes for ever on 1e999999999
+        if abs(ns) < 1 << 62:
+            return int(ns)
+    except ArithmeticError:
+        pass
+    raise ValueError(f"{text[:40]!r} is no time")
 
 
 def isoformat(t_ns: int) -> str:

@@ -17,9 +17,8 @@ from uwgraph.dive.model import Dive
 from uwgraph.errors import DataError, UwgraphError
 from uwgraph.evaluate import people, write_solution
 from uwgraph.export import Track, read_result, track_of_reference, track_of_solution
-from uwgraph.export.result import origin_from
 from uwgraph.export.track import thinned
-from uwgraph.frames import geodetic_from_ned, ned_from_geodetic
+from uwgraph.frames import geodetic_from_ned, ned_from_geodetic, origin_from
 from uwgraph.types import Origin, Solution, stream_fields
 
 

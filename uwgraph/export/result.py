@@ -12,8 +12,8 @@ from uwgraph.dive.tables import Column, read_table
 from uwgraph.dive.validate import validate_stream
 from uwgraph.errors import DataError
 from uwgraph.export.track import COLUMNS, Track, track_of_table
-from uwgraph.frames import geodetic_from_ned, ned_from_geodetic
-from uwgraph.types import FloatArray, Origin, Reference, stream_fields
+from uwgraph.frames import ned_from_geodetic, origin_from
+from uwgraph.types import Origin, Reference, stream_fields
 
 STATES: Final = "solution.parquet"
 """What makes a folder a result."""
@@ -59,21 +59,6 @@ def read_result(path: str | Path) -> Track:
             remedy="smooth the dive again",
         )
     return replace(track, origin=origin)
-
-
-def origin_from(lat: float, lon: float, height: float, p_n: FloatArray) -> Origin:
-    """Where n touches the ellipsoid, given one place [rad, rad, m] and its position in n, shape (3,).
-
-    A place too far north as seen from a guess means that the guess is too far south.
-    """
-    guess = Origin(lat, lon)
-    for _ in range(50):
-        off = ned_from_geodetic(guess, lat, lon, height) - p_n
-        if np.hypot(off[0], off[1]) < 1e-8:
-            break
-        at_lat, at_lon, _ = geodetic_from_ned(guess, np.array([off[0], off[1], 0.0]))
-        guess = Origin(float(at_lat), float(at_lon))
-    return guess
 
 
 def _check(file: Path, track: Track) -> None:

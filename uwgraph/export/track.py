@@ -14,6 +14,7 @@ from uwgraph.dive.layout import Field
 from uwgraph.dive.model import Dive
 from uwgraph.dive.tables import Table
 from uwgraph.errors import DataError
+from uwgraph.evaluate.people import congruence, rph_jacobian
 from uwgraph.evaluate.table import solution_table
 from uwgraph.frames import R_n_local, matrix_from_rph, ned_from_geodetic
 from uwgraph.time import NS
@@ -138,6 +139,32 @@ def track_of_solution(solution: Solution) -> Track:
     columns = solution_table(solution)
     table = {name: columns.column(name).to_numpy() for name in columns.column_names}
     return track_of_table(table, solution.origin, "solution")
+
+
+def solution_of_track(track: Track) -> Solution:
+    """The states of a track that knows them all, as a solution whose errors of roll, pitch and heading are independent.
+
+    A file has no more than their 1-sigma, and nothing of the covariance between position, velocity and attitude.
+    """
+    R = track.R_nb
+    to_angles = rph_jacobian(track.rph) @ matrix_from_rph(track.rph)
+    cov_pose = np.zeros((len(track), 6, 6))
+    from_angles = np.linalg.inv(to_angles).astype(np.float64)
+    cov_pose[:, :3, :3] = congruence(from_angles, track.sigma_rph[:, :, None] ** 2 * np.eye(3))
+    cov_pose[:, 3:, 3:] = congruence(np.swapaxes(R, 1, 2), track.cov_p_n)
+    sigma_bias = np.hstack([track.sigma_bias_accel, track.sigma_bias_gyro])
+    return Solution(
+        origin=track.origin,
+        t_ns=track.t_ns,
+        R_nb=R,
+        p_n=track.p_n,
+        v_n=track.v_n,
+        bias_gyro=track.bias_gyro,
+        bias_accel=track.bias_accel,
+        cov_pose=cov_pose,
+        cov_v=track.sigma_v[:, :, None] ** 2 * np.eye(3),
+        cov_bias=sigma_bias[:, :, None] ** 2 * np.eye(6),
+    )
 
 
 def track_of_reference(dive: Dive) -> Track:

@@ -142,10 +142,16 @@ def _found(columns: Sequence[str]) -> dict[str, Any]:
 
 
 def _first(columns: Sequence[str], pattern: str, dimension: str, default: str) -> str | None:
+    found = column_like(columns, pattern, dimension, default)
+    return _written(*found) if found else None
+
+
+def column_like(columns: Sequence[str], pattern: str, dimension: str, default: str) -> tuple[str, str] | None:
+    """The first column whose name, in lower case with underscores, matches, and its unit (or the default one)."""
     for column in columns:
         for stem, unit in _readings(column):
             if re.fullmatch(pattern, stem) and (ours := _unit(unit or default, dimension)):
-                return _written(column, ours)
+                return column, ours
     return None
 
 

@@ -150,6 +150,11 @@ class Batch(Mapping[str, NDArray[Any]]):
             self._done[name] = self._converted(pc.utf8_trim_whitespace(self._batch.column(index)), index)
         return self._done[name]
 
+    def text(self, name: str) -> list[str]:
+        """The cells as they are written, without the space around them."""
+        cells: list[str] = pc.utf8_trim_whitespace(self._batch.column(self._head.names.index(name))).to_pylist()
+        return cells
+
     def _converted(self, text: pa.Array, index: int) -> NDArray[Any]:
         first = self._head.first[index]
         if _TIME.fullmatch(first):
