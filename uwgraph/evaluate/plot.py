@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from uwgraph.evaluate.metrics import Comparison, compare, error_metrics
-from uwgraph.evaluate.people import people, sigmas
+from uwgraph.evaluate.people import People, people, sigmas
 from uwgraph.types import FloatArray, Reference, Solution
 
 BLUE, GREY, BAND = "#1f5fa8", "#8a8a8a", "#c6d8ee"
@@ -24,25 +24,34 @@ def track_plot(solution: Solution, reference: Reference | None, path: Path, titl
     bands. Without: the bands alone. The track carries 3-sigma ellipses, drawn to scale.
     """
     comparison = compare(solution, reference) if reference is not None and len(reference) else None
+    _draw(solution, people(solution), comparison, path, title, "uwgraph")
+
+
+def comparison_plot(comparison: Comparison, path: Path, title: str = "") -> None:
+    """Write the same PNG of what has been compared already, after its alignment."""
+    _draw(comparison.solution, comparison.estimate, comparison, path, title, "trajectory")
+
+
+def _draw(solution: Solution, read: People, comparison: Comparison | None, path: Path, title: str, label: str) -> None:
     figure = Figure(figsize=(13, 7.5), layout="constrained")
     grid = figure.add_gridspec(len(PANELS), 2, width_ratios=(1.15, 1.0))
-    _track(figure.add_subplot(grid[:, 0]), solution, comparison)
+    _track(figure.add_subplot(grid[:, 0]), solution, read, comparison, label)
     panels = [figure.add_subplot(grid[row, 1]) for row in range(len(PANELS))]
-    _errors(panels, solution, comparison)
+    _errors(panels, solution, read, comparison)
     figure.align_ylabels(panels)
     figure.suptitle(_headline(title, comparison), x=0.01, ha="left", fontsize=11)
     figure.savefig(path, dpi=110)
 
 
-def _track(axes: Axes, solution: Solution, comparison: Comparison | None) -> None:
+def _track(axes: Axes, solution: Solution, read: People, comparison: Comparison | None, label: str) -> None:
     if comparison is not None:
         known = comparison.truth.p_n[comparison.truth.has_position]
         axes.plot(known[:, 1], known[:, 0], color=GREY, lw=3.0, alpha=0.6, label="reference")
     north, east = solution.p_n[:, 0], solution.p_n[:, 1]
-    axes.plot(east, north, color=BLUE, lw=1.2, label="uwgraph")
+    axes.plot(east, north, color=BLUE, lw=1.2, label=label)
     axes.plot(east[0], north[0], "o", color=BLUE, ms=7, label="start")
     axes.plot(east[-1], north[-1], "s", color=BLUE, ms=7, label="end")
-    cov = people(solution).cov_p_n[:, :2, :2]
+    cov = read.cov_p_n[:, :2, :2]
     for k in np.linspace(0, len(solution) - 1, 13).astype(int):
         if np.isfinite(cov[k]).all():
             ellipse = axes.add_patch(_ellipse(solution.p_n[k], cov[k]))
@@ -61,8 +70,7 @@ def _ellipse(p_n: FloatArray, cov: FloatArray) -> Ellipse:
     return Ellipse((p_n[1], p_n[0]), width, height, angle=angle, fill=False, ec="#d1603d", lw=1.0, zorder=3)
 
 
-def _errors(panels: list[Axes], solution: Solution, comparison: Comparison | None) -> None:
-    read = people(solution)
+def _errors(panels: list[Axes], solution: Solution, read: People, comparison: Comparison | None) -> None:
     sigma = np.hstack([sigmas(read.cov_p_n), np.degrees(sigmas(read.cov_rph))[:, 2:]])
     error = np.full_like(sigma, np.nan)
     if comparison is not None:

@@ -45,9 +45,9 @@ def reference_at(reference: Reference, origin: Origin, t_ns: TimeArray) -> Refer
     p_n = ned_from_geodetic(origin, reference.lat, reference.lon, np.where(deep, reference.height, 0.0))
     v_n = np.einsum("kij,kj->ki", R_n_local(origin, reference.lat, reference.lon), reference.v_n)
 
-    horizontal = _interpolate(t, p_n[:, :2], v_n[:, :2], query)
-    down = _interpolate(t, np.where(deep, p_n[:, 2], np.nan)[:, None], v_n[:, 2:], query)
-    depth = _interpolate(t, -reference.height[:, None], reference.v_n[:, 2:], query)[:, 0]
+    horizontal = interpolate_rows(t, p_n[:, :2], v_n[:, :2], query)
+    down = interpolate_rows(t, np.where(deep, p_n[:, 2], np.nan)[:, None], v_n[:, 2:], query)
+    depth = interpolate_rows(t, -reference.height[:, None], reference.v_n[:, 2:], query)[:, 0]
     return ReferenceAt(np.hstack([horizontal, down]), depth, _interpolate_rph(t, reference.rph, query))
 
 
@@ -56,12 +56,12 @@ def known_rows(table: FloatArray) -> BoolArray:
     return np.asarray(np.isfinite(table).all(axis=1))
 
 
-def _interpolate(t: FloatArray, value: FloatArray, rate: FloatArray, query: FloatArray) -> FloatArray:
-    """Rows of ``value`` at ``query``, from the rows that are finite; shape (K, n)."""
+def interpolate_rows(t: FloatArray, value: FloatArray, rate: FloatArray, query: FloatArray) -> FloatArray:
+    """Rows of ``value`` at ``query``, from the rows that are finite, by Hermite where ``rate`` is; shape (K, n)."""
     out = np.full((len(query), value.shape[1]), np.nan)
     known = known_rows(value)
     t, value, rate = t[known], value[known], rate[known]
-    inside = _reached(t, query)
+    inside = reached(t, query)
     if not inside.any():
         return out
     i = np.clip(np.searchsorted(t, query, side="right") - 1, 0, len(t) - 2)
@@ -83,17 +83,21 @@ def _interpolate_rph(t: FloatArray, rph: FloatArray, query: FloatArray) -> Float
             seen = np.isfinite(angle)
             turned = np.full_like(angle, np.nan)
             turned[seen] = np.unwrap(angle[seen])
-            each.append(_interpolate(t, turned[:, None], np.full((len(t), 1), np.nan), query))
+            each.append(interpolate_rows(t, turned[:, None], np.full((len(t), 1), np.nan), query))
         return np.hstack(each)
-    out = np.full((len(query), 3), np.nan)
-    inside = _reached(t[known], query)
+    return rph_from_matrix(interpolate_rotations(t[known], matrix_from_rph(rph[known]), query))
+
+
+def interpolate_rotations(t: FloatArray, R: FloatArray, query: FloatArray) -> FloatArray:
+    """Slerp between known rotations, shape (N, 3, 3), at ``query``; NaN where they do not reach, shape (K, 3, 3)."""
+    out = np.full((len(query), 3, 3), np.nan)
+    inside = reached(t, query)
     if inside.any():
-        slerp = Slerp(t[known], Rotation.from_matrix(matrix_from_rph(rph[known])))
-        out[inside] = rph_from_matrix(slerp(query[inside]).as_matrix())
+        out[inside] = Slerp(t, Rotation.from_matrix(R))(query[inside]).as_matrix()
     return out
 
 
-def _reached(t: FloatArray, query: FloatArray) -> BoolArray:
+def reached(t: FloatArray, query: FloatArray) -> BoolArray:
     """Which queries lie between two samples that are not too far apart."""
     if len(t) < 2:
         return np.zeros(len(query), dtype=np.bool_)

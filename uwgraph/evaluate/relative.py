@@ -129,4 +129,5 @@ def _errors_in_body(
 
 def _relative(p: FloatArray, R: FloatArray, i: TimeArray, j: TimeArray) -> FloatArray:
     """The way from pose i to pose j in the body axes of i, shape (N, 3), m."""
-    return np.einsum("kji,kj->ki", R[i], p[j] - p[i])
+    way: FloatArray = np.einsum("kji,kj->ki", R[i], p[j] - p[i])
+    return way
