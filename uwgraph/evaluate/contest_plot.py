@@ -145,7 +145,7 @@ def _dots(axes: Axes, history: History, style: Style) -> None:
     minutes = history.t_s[rows] / 60.0
     for value in np.clip(whitened, -limit, limit).T:
         axes.plot(minutes[used], value[used], ".", ms=2, alpha=0.6, color=style["color"])
-        axes.plot(minutes[~used], value[~used], "x", ms=5, mew=0.8, color="black")
+        axes.plot(minutes[~used], value[~used], "x", ms=4, mew=0.7, alpha=0.5, color="black")
     for bound in (-3.0, 3.0):
         axes.axhline(bound, color=GREY, lw=0.8, ls="--")
     axes.set_ylim(-1.1 * limit, 1.1 * limit)

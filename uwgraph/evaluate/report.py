@@ -154,8 +154,9 @@ INNOVATIONS = (
 )
 NO_INNOVATIONS = "None of these estimators tells its innovations."
 DIRECTIONS = (
-    "What a direction sensor measured, less what the estimate's attitude (and for the sun the almanac) lets expect: "
-    "the error of the estimate and the noise of the sensor together. Dashed: 3-sigma as stated for the sensor."
+    "The errors of the estimates as the sensor sees them, its own noise included: the measured sun, turned by the "
+    "estimate's attitude, less the almanac's; the estimated heading less the measured one. Dashed: 3-sigma stated for "
+    "the sensor."
 )
 NO_DIRECTIONS = "The dive has neither usable sun observations nor headings."
 SIZES = '<section><h2>Errors by size and distance</h2><div id="sizes" class="row"></div></section>'

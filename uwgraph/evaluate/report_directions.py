@@ -1,4 +1,4 @@
-"""Directions that sensors measured, against what every estimator's attitude makes of them: the sun, and headings."""
+"""The errors of every estimator's attitude as direction sensors see them: the sun, and headings."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ S = TypeVar("S", Sun, Heading)
 
 @dataclass(frozen=True, eq=False)
 class Directions:
-    """What is left of one measured angle."""
+    """One angle, as estimated less as measured."""
 
     name: str
     """Of the angle: sun azimuth, sun elevation, heading."""
@@ -28,14 +28,14 @@ class Directions:
     sigma_deg: float | None
     """Median of the stated 1-sigma; None where it is not stated."""
     residual_deg: list[FloatArray]
-    """Measured minus expected, shape (N,), one array per entry; NaN beyond its stamps."""
+    """Shape (N,), one array per entry; NaN beyond its stamps. The estimate's error less the sensor's."""
 
 
 def directions(contest: Contest) -> list[Directions]:
     """Azimuth and elevation of the sun and headings, where the dive has them; flagged suns are left out.
 
-    The residual of an azimuth or heading is what the sensor says that the estimate's heading is short of, plus the
-    sensor's noise.
+    Of the sun it is the measured direction, turned by the estimate's attitude, less the almanac's; of a heading the
+    estimated less the measured one. An estimate that points 1 deg too far clockwise has residuals about +1 deg.
     """
     dive = contest.dive
     if not contest.entries or dive.imu is None or (dive.sun is None and dive.heading is None):
@@ -63,7 +63,7 @@ def _of_sun(contest: Contest, sun: Sun) -> list[Directions]:
 
 def _of_heading(contest: Contest, heading: Heading) -> Directions:
     def residual(at: Solution, seen: Heading) -> FloatArray:
-        return np.degrees(wrap_pi(seen.heading - people(at).rph[:, 2]))[:, None]
+        return np.degrees(wrap_pi(people(at).rph[:, 2] - seen.heading))[:, None]
 
     residuals = _residuals(contest, heading, residual, columns=1)
     sigma = float(np.degrees(np.median(heading.sigma)))
@@ -89,7 +89,7 @@ def _residuals(
 
 
 def sun_residual(at: Solution, s_b: FloatArray) -> FloatArray:
-    """Azimuth and elevation, measured less the almanac's, deg, shape (N, 2), by the attitudes of ``at``."""
+    """Azimuth and elevation of directions by the attitudes of ``at``, less the almanac's, deg, shape (N, 2)."""
     R_lb, azimuth, elevation = _almanac(at)
     s_l = np.einsum("nij,nj->ni", R_lb, s_b)
     across = wrap_pi(np.arctan2(s_l[:, 1], s_l[:, 0]) - azimuth)

@@ -194,7 +194,7 @@ function innovations(parent) {
 
 function directions(parent) {
   for (const found of data.directions)
-    addPanel(parent, `${capital(found.name)}, measured less expected [deg]`, () => {
+    addPanel(parent, `${capital(found.name)} residual [deg]`, () => {
       const series = shown().map((entry) => {
         const y = found.residual[data.entries.indexOf(entry)];
         return { ...look(entry), kind: "dots", x: found.t, y, value: (i) => `${figure(y[i])} deg` };
