@@ -97,7 +97,8 @@ def batches(path: Path, head: Head, told: Callable[[int], None], caveat: Callabl
 
     def judge(row: Any) -> str:
         if not row.text.lstrip().startswith("#"):
-            bad.append(f"{row.actual_columns} columns instead of {row.expected_columns}: {row.text[:60]!r}")
+            columns = f"{row.actual_columns} columns instead of {row.expected_columns}"
+            bad.append(f"line {row.number} has {columns}: {row.text[:60]!r}")
         return "skip" if not bad else "error"
 
     with path.open("rb") as opened:
@@ -120,10 +121,8 @@ def batches(path: Path, head: Head, told: Callable[[int], None], caveat: Callabl
                 yield Batch(path, head, batch, count)
                 count += batch.num_rows
         except (pa.ArrowException, ValueError) as error:
-            what = bad[0] if bad else str(error).partition("\n")[0][:200]
-            raise DataError(
-                f"after row {count}: {what}", where=str(path), remedy="repair or remove the line"
-            ) from error
+            what = f"after row {count}: " + str(error).partition("\n")[0][:200]
+            raise DataError(bad[0] if bad else what, where=str(path), remedy="repair or remove the line") from error
 
 
 class Batch(Mapping[str, NDArray[Any]]):
