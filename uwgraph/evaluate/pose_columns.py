@@ -11,10 +11,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
-from uwgraph.dive.logs.fields import resolve
-from uwgraph.dive.logs.quantity import UNITS, quantity
+from uwgraph.dive.logs.quantity import UNITS
 from uwgraph.dive.logs.sinks import whole_ns
-from uwgraph.dive.readers.csv_columns import Table, column_like, time_of
+from uwgraph.dive.readers.csv_columns import column_like, time_of
 from uwgraph.dive.readers.csv_text import Batch, batches, read_head
 from uwgraph.dive.tables import Column, read_table
 from uwgraph.errors import DataError
@@ -93,6 +92,8 @@ def _csv(path: Path) -> PoseColumns:
     head = read_head(path)
     if path.stat().st_size > MAX_BYTES:
         raise _too_large(path, f"{MAX_BYTES / 1e6:.0f} MB")
+    if not head.first:
+        raise DataError("has a header but no rows", where=str(path), remedy="export it again")
     time, unit_ns = _time(path, head.names, head.first)
     wanted = _wanted(head.names)
     caveats: list[str] = []
@@ -106,8 +107,6 @@ def _csv(path: Path) -> PoseColumns:
             where=str(path),
             remedy="copy it again; if the last line is whole, end it with a newline",
         )
-    if not parts:
-        raise DataError("has a header but no rows", where=str(path), remedy="export it again")
     table = {name: np.concatenate([part[name] for _, part in parts]) for name, _ in wanted.values()}
     return _in_si(np.concatenate([t_ns for t_ns, _ in parts]), table, wanted)
 
@@ -145,16 +144,16 @@ def _wanted(names: Sequence[str]) -> dict[str, tuple[str, float]]:
 
 def _time(path: Path, names: Sequence[str], first: Sequence[str]) -> tuple[str, int]:
     """The column of time, and its unit in nanoseconds."""
-    written, epoch, _ = time_of(names, first)
+    written, _, _ = time_of(names, first)
     if not written:
         raise DataError(
             f"has no column of time among {', '.join(map(repr, names[:20]))}",
             where=str(path),
             remedy="name it time, t or timestamp, with its unit, as in 'time [s]'",
         )
-    found = quantity(written, "time")
-    table = Table(path.name, "table", fields=tuple(names), epoch=epoch)
-    return resolve(found, table, str(path)), round(found.scale * 1e9)
+    # the unit stands behind the name, where the name does not end in it already
+    name, _, unit = written.rpartition(" [")
+    return written if written in names else name, round(UNITS["time"][unit.rstrip("]")] * 1e9)
 
 
 def _stamps(path: Path, batch: Batch, name: str, unit_ns: int, before: int) -> TimeArray:

@@ -6,6 +6,7 @@ import io
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 from typing import Any, Final
 
@@ -179,10 +180,16 @@ def _check(path: Path, rows: bytes, t_ns: TimeArray, p: FloatArray, q: FloatArra
         "has a stamp that does not come after the one before",
         "sort the file by time (sort -n), and remove doubled lines",
     )
-    # an end without a newline may be a number cut short, which the length of the quaternion tells
-    if not rows.rstrip(b" \t").endswith((b"\n", b"\r")) and off[-1] > max(1e-6, 2.0 * off[:-1].max(initial=0.0)):
+    if not rows.rstrip(b" \t").endswith((b"\n", b"\r")) and off[-1] > _rounding(rows):
         raise _bad(path, rows, len(t_ns) - 1, "qw", "is cut off", "copy the file again, or remove the line")
     return length
+
+
+def _rounding(rows: bytes) -> float:
+    """How far from 1 the digits of the last line leave a quaternion: more, and its last number has been cut short."""
+    *_, qx, qy, qz, _ = rows.rstrip().rpartition(b"\n")[2].split()
+    decimals = (-int(Decimal(cell.decode()).as_tuple().exponent) for cell in (qx, qy, qz))
+    return float(2.0 * 10.0 ** -max(decimals))
 
 
 def _refuse(path: Path, rows: bytes, bad: Any, columns: str, problem: str, remedy: str) -> None:
