@@ -135,9 +135,8 @@ def test_pointing_reads_out_the_same_instant_everywhere(page: Browser) -> None:
     assert re.match(r"\d+:\d\d\.\d min", readout.text)
     for name in MANY:
         assert re.search(rf"{name} \S*\d m ± \d", readout.text), readout.text
-    visible = page.run(
-        "return [...document.querySelectorAll('#errors .cursor, #innovations .cursor')].map(c => c.getAttribute('visibility'))"
-    )
+    cursors = page.all("#errors .cursor, #innovations .cursor")
+    visible = [cursor.get_attribute("visibility") for cursor in cursors]
     assert set(visible) == {"visible"}
     assert len(visible) == 6 + 7
     assert len(page.all("#map circle.here")) == len(MANY) + 1
@@ -264,7 +263,8 @@ def test_the_table_sorts_both_ways(page: Browser) -> None:
 SMALL_PRINT = """
 const own = (e) => [...e.childNodes].some((n) => n.nodeType === 3 && n.data.trim());
 return [...document.querySelectorAll("body *")]
-  .filter((e) => own(e) && e.checkVisibility() && !e.closest(".unseen") && parseFloat(getComputedStyle(e).fontSize) < 14)
+  .filter((e) => own(e) && e.checkVisibility() && !e.closest(".unseen"))
+  .filter((e) => parseFloat(getComputedStyle(e).fontSize) < 14)
   .map((e) => e.outerHTML.slice(0, 80));
 """
 

@@ -28,7 +28,6 @@ from uwgraph.evaluate.report_series import Course, courses
 from uwgraph.evaluate.report_table import columns, figure, scrolling, table, value_of
 from uwgraph.evaluate.report_words import about, legend, simulated, summary, track_key
 from uwgraph.evaluate.statistics import mean, rms
-from uwgraph.plain import json_values
 
 
 def write_report(contest: Contest, path: Path) -> None:
@@ -98,7 +97,7 @@ def _policy(style: str, script: str) -> str:
 
 def _embedded(data: dict[str, Any]) -> str:
     """JSON that cannot end its script element."""
-    text = json.dumps(json_values(data), allow_nan=False, separators=(",", ":"), ensure_ascii=False)
+    text = json.dumps(data, allow_nan=False, separators=(",", ":"), ensure_ascii=False)
     return text.replace("<", "\\u003c")
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 LIGHT = ("#0072b2", "#c44e00", "#007a5a", "#a8327e", "#8f6b00", "#332288", "#2a8a9d", "#882233")
 DARK = ("#5cb8f2", "#ff9150", "#3ccf9f", "#f08fcb", "#e8c04a", "#b0a6ff", "#7fdbe6", "#ff8a9a")
 DASHES = ("", "7 3", "2 3", "9 3 2 3")
-USUAL = ("smooth", "aukf", "ukf", "eskf", "rts", "dr")
+USUAL = ("smooth", "aukf", "ukf", "eskf", "rts", "dr", "aeskf")
 """The estimators of ours keep their colours from one contest to the next."""
 
 

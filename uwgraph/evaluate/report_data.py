@@ -12,13 +12,16 @@ from uwgraph.evaluate.report_colours import looks
 from uwgraph.evaluate.report_directions import Directions
 from uwgraph.evaluate.report_series import QUANTITIES, Course, History, evenly, histories, peaks, seconds, start_ns
 from uwgraph.frames import ned_from_geodetic
+from uwgraph.plain import json_values
 from uwgraph.time import isoformat
 from uwgraph.types import ClosureVerdicts, FloatArray, Innovations, Solution
 
 INSTANTS = 1800
 """Drawn of an estimator's track and errors."""
 MEASUREMENTS = 1200
-"""Drawn of a sensor's innovations or residuals; refused innovations come on top, as many again at most."""
+"""Drawn of a sensor's innovations or residuals."""
+REFUSED = 400
+"""Drawn of a sensor's refused innovations beside them."""
 LEVELS = 400
 """Drawn of anything smooth: running means, distributions."""
 ELLIPSES = 24
@@ -34,7 +37,7 @@ def page_data(contest: Contest, courses: Sequence[Course], found: Sequence[Direc
             | _track(course)
             | {
                 "distribution": _distribution(course.horizontal),
-                "rpe": course.entry.judged.metrics.get("rpe") or [],
+                "rpe": json_values(course.entry.judged.metrics.get("rpe") or []),
                 "sensors": {h.kind: _history(h) for h in histories(course.entry.innovations, start)},
                 "fading": _fading(course.entry.innovations, start),
             }
@@ -114,7 +117,7 @@ def _distribution(horizontal: FloatArray) -> dict[str, Any] | None:
 def _history(history: History) -> dict[str, Any]:
     of, axes = history.of, history.axes
     refused = np.flatnonzero(~of.accepted)
-    rows = np.union1d(evenly(len(of), MEASUREMENTS), refused[evenly(len(refused), MEASUREMENTS)])
+    rows = np.union1d(evenly(len(of), MEASUREMENTS), refused[evenly(len(refused), REFUSED)])
     levels = evenly(len(of), LEVELS)
     return {
         "t": rounded(history.t_s[rows], 2),
@@ -144,6 +147,7 @@ def _running(history: History) -> dict[str, Any] | None:
 def _fading(innovations: Innovations | None, start: int) -> dict[str, Any] | None:
     if innovations is None or not (innovations.fading > 1.0).any():
         return None
+    innovations = innovations.select(np.argsort(innovations.t_ns, kind="stable"))
     rows = peaks(innovations.fading, INSTANTS)
     return {"t": rounded(seconds(innovations.t_ns[rows], start), 2), "factor": rounded(innovations.fading[rows])}
 
@@ -186,7 +190,7 @@ def _direction(found: Directions, start: int) -> dict[str, Any]:
     rows = evenly(len(found.t_ns), MEASUREMENTS)
     return {
         "name": found.name,
-        "sigma": found.sigma_deg,
+        "sigma": json_values(found.sigma_deg),
         "t": rounded(seconds(found.t_ns[rows], start), 2),
         "residual": [rounded(residual[rows]) for residual in found.residual_deg],
     }

@@ -53,12 +53,19 @@ def directions(contest: Contest) -> list[Directions]:
 
 
 def _of_sun(contest: Contest, sun: Sun) -> list[Directions]:
-    residuals = _residuals(contest, sun, lambda at, seen: sun_residual(at, seen.s_b), columns=2)
-    sigma = stated_sigma(contest, sun)
+    columns = _residuals(contest, sun, sun_residual, columns=4)
+    information = np.concatenate([each[:, 2:] for each in columns])
     return [
-        Directions(name, sun.t_ns, sigma[column], [residual[:, column] for residual in residuals])
+        Directions(name, sun.t_ns, _sigma(information[:, column]), [each[:, column] for each in columns])
         for column, name in enumerate(("sun azimuth", "sun elevation"))
     ]
+
+
+def _sigma(information: FloatArray) -> float | None:
+    """Median 1-sigma in deg of informations in rad^-2; None where there are none."""
+    known = information[np.isfinite(information)]
+    middle = np.median(known) if len(known) else 0.0
+    return float(np.degrees(1.0 / np.sqrt(middle))) if middle > 0.0 else None
 
 
 def _of_heading(contest: Contest, heading: Heading) -> Directions:
@@ -67,7 +74,7 @@ def _of_heading(contest: Contest, heading: Heading) -> Directions:
 
     residuals = _residuals(contest, heading, residual, columns=1)
     sigma = float(np.degrees(np.median(heading.sigma)))
-    return Directions("heading", heading.t_ns, sigma, [residual[:, 0] for residual in residuals])
+    return Directions("heading", heading.t_ns, sigma, [each[:, 0] for each in residuals])
 
 
 def _residuals(
@@ -88,37 +95,19 @@ def _residuals(
     return found
 
 
-def sun_residual(at: Solution, s_b: FloatArray) -> FloatArray:
-    """Azimuth and elevation of directions by the attitudes of ``at``, less the almanac's, deg, shape (N, 2)."""
-    R_lb, azimuth, elevation = _almanac(at)
-    s_l = np.einsum("nij,nj->ni", R_lb, s_b)
-    across = wrap_pi(np.arctan2(s_l[:, 1], s_l[:, 0]) - azimuth)
-    upward = np.arctan2(-s_l[:, 2], np.hypot(s_l[:, 0], s_l[:, 1])) - elevation
-    residual: FloatArray = np.degrees(np.column_stack([across, upward]))
-    return residual
+def sun_residual(at: Solution, sun: Sun) -> FloatArray:
+    """By the attitudes of ``at``, shape (N, 4).
 
-
-def stated_sigma(contest: Contest, sun: Sun) -> tuple[float | None, float | None]:
-    """Medians of the stated 1-sigma of azimuth and elevation, deg; None where one is not measured."""
-    from uwgraph.graph import resample
-
-    solution = max((entry.judged.solution for entry in contest.entries), key=len)
-    sun = sun.select((sun.t_ns >= solution.t_ns[0]) & (sun.t_ns <= solution.t_ns[-1]))
-    if not len(sun) or len(solution) < 2:
-        return None, None
-    R_lb, azimuth, elevation = _almanac(resample(contest.dive, solution, sun.t_ns))
-    _, across, upward = sun_axes(azimuth, elevation)
-    information_l = R_lb @ sun.information_b @ np.swapaxes(R_lb, 1, 2)
-    known = [
-        np.einsum("ni,nij,nj->n", axis, information_l, axis) for axis in (across * np.cos(elevation)[:, None], upward)
-    ]
-    medians = [float(np.median(information)) for information in known]
-    azimuth_deg, elevation_deg = (float(np.degrees(1.0 / np.sqrt(m))) if m > 0.0 else None for m in medians)
-    return azimuth_deg, elevation_deg
-
-
-def _almanac(at: Solution) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Rotations body to local NED, azimuth and elevation of the sun, at the places and times of ``at``."""
+    Azimuth and elevation less the almanac's, deg, and the information that the sensor states of either, rad^-2.
+    """
     lat, lon, _ = geodetic_from_ned(at.origin, at.p_n)
     R_lb = np.swapaxes(R_n_local(at.origin, lat, lon), -1, -2) @ at.R_nb
-    return R_lb, *sun_azimuth_elevation(at.t_ns, lat, lon)
+    azimuth, elevation = sun_azimuth_elevation(at.t_ns, lat, lon)
+    s_l = np.einsum("nij,nj->ni", R_lb, sun.s_b)
+    clockwise = wrap_pi(np.arctan2(s_l[:, 1], s_l[:, 0]) - azimuth)
+    upward = np.arctan2(-s_l[:, 2], np.hypot(s_l[:, 0], s_l[:, 1])) - elevation
+    information_l = R_lb @ sun.information_b @ np.swapaxes(R_lb, 1, 2)
+    _, across_l, upward_l = sun_axes(azimuth, elevation)
+    moved_l = (across_l * np.cos(elevation)[:, None], upward_l)  # of the direction, by a radian of either angle
+    information = [np.einsum("ni,nij,nj->n", axis, information_l, axis) for axis in moved_l]
+    return np.column_stack([np.degrees(clockwise), np.degrees(upward), *information])

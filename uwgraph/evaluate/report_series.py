@@ -152,6 +152,7 @@ def histories(innovations: Innovations | None, start: int) -> Iterator[History]:
     kinds, first = np.unique(innovations.kind, return_index=True)
     for kind in kinds[np.argsort(first)]:
         mine = innovations.select(innovations.kind == kind)
+        mine = mine.select(np.argsort(mine.t_ns, kind="stable"))  # late ones stand where they were taken
         t_s = seconds(mine.t_ns, start)
         yield History(str(kind), t_s, mine, _running(t_s, mine))
 

@@ -8,6 +8,7 @@ from importlib.metadata import version
 from typing import Any
 
 from uwgraph.evaluate.entries import Contest, Entry
+from uwgraph.evaluate.report_data import INSTANTS, MEASUREMENTS, REFUSED
 from uwgraph.evaluate.report_table import MARKS, figure, value_of
 from uwgraph.time import isoformat
 
@@ -92,13 +93,12 @@ def about(contest: Contest) -> Iterator[tuple[str, str]]:
     for name in ("format", "source", "conversions", "caveats", "seed"):
         if dive.provenance.get(name) not in (None, [], ""):
             yield name, _in_words(dive.provenance[name])
-    yield (
-        "drawing",
-        (
-            "thinned where a dive is long: of every bunch of neighbours the instant with the largest error, and of "
-            "measurements every so many-th and all that were refused (1200 at most). Figures and sentences are of all."
-        ),
+    thinned = (
+        f"thinned where a dive is long: {INSTANTS} instants, of every bunch of neighbours the one with the largest "
+        f"error; of a sensor {MEASUREMENTS} measurements and {REFUSED} that were refused. Figures and sentences are of "
+        "all."
     )
+    yield "drawing", thinned
     yield "software", f"uwgraph {version('uwgraph')}"
     yield "written", datetime.now(UTC).isoformat(timespec="seconds")
 

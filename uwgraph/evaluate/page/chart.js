@@ -101,7 +101,7 @@ const SHAPES = {
   dot: (x, y) => `M${x - 1.7} ${y}a1.7 1.7 0 1 0 3.4 0a1.7 1.7 0 1 0 -3.4 0`,
   square: (x, y) => `M${x - 1.6} ${y - 1.6}h3.2v3.2h-3.2z`,
   triangle: (x, y) => `M${x} ${y - 2.2}l2.1 3.8h-4.2z`,
-  cross: (x, y) => `M${x - 4} ${y - 4}l8 8m-8 0l8 -8`,
+  cross: (x, y) => `M${x - 3} ${y - 3}l6 6m-6 0l6 -6`,
 };
 
 function dotsPath(xs, ys, X, Y, [from, to], shape, keep) {
@@ -128,7 +128,7 @@ class Panel {
     const spec = (this.now = this.spec());
     const width = Math.max(280, Math.round(this.host.clientWidth));
     const height = this.host.dataset.height ? +this.host.dataset.height : width < 500 ? 180 : 190;
-    const room = { left: 62, right: 8, top: 8, bottom: spec.x.label === false ? 26 : 46 };
+    const room = { left: 62, right: 20, top: 8, bottom: spec.x.label === false ? 26 : 46 };
     const inner = (this.inner = { x: room.left, y: room.top, width: width - room.left - room.right,
       height: height - room.top - room.bottom });
     const X = (this.X = scale(spec.x, inner.x, inner.x + inner.width));

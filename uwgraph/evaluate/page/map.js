@@ -31,7 +31,7 @@ class TrackMap {
   draw() {
     const width = Math.max(280, Math.round(this.host.clientWidth));
     const height = width < 500 ? 380 : Math.round(Math.min(620, Math.max(420, width * 0.5)));
-    const inner = (this.inner = { x: 62, y: 8, width: width - 70, height: height - 54 });
+    const inner = (this.inner = { x: 62, y: 8, width: width - 82, height: height - 54 });
     const { east, north } = this.extent();
     const fit = Math.max((east[1] - east[0]) / inner.width, (north[1] - north[0]) / inner.height, 1e-3) * 1.08;
     const perPixel = (this.perPixel = fit / this.zoom);

@@ -137,7 +137,7 @@ function whitenedSpec(kind) {
   const sensor = entry?.sensors[kind];
   if (!sensor) return { x: timeAxis(), y: { domain: [-4, 4] }, series: [], note: "no estimator shown has any" };
   const used = sensor.whitened.flatMap((column) => finite(column.filter((_, i) => !sensor.refused[i])));
-  const limit = Math.max(4, 1.05 * Math.min(largest(used), 2 * quantile(used.map(Math.abs), 0.99)));
+  const limit = Math.max(4, 1.05 * Math.min(largest(used), 1.4 * quantile(used.map(Math.abs), 0.99)));
   const held = (v) => (v === null ? null : Math.min(Math.max(v, -0.97 * limit), 0.97 * limit));
   const series = sensor.whitened.flatMap((column, axis) => {
     const name = sensor.whitened.length > 1 ? `axis ${axis + 1}` : kind;
@@ -181,13 +181,14 @@ function innovations(parent) {
     parent.append(html("h3", { textContent: kind }), row);
     addPanel(row, "Innovation [stated sigmas]", () => whitenedSpec(kind), { height: 210 });
     addPanel(row, "Running NIS", () => nisSpec(kind), { height: 210 });
-    addPanel(row, "Believed sigma over the stated one", () => noiseSpec(kind), { height: 210 });
+    addPanel(row, "Believed over stated sigma", () => noiseSpec(kind), { height: 210 });
   }
   if (!data.entries.some((entry) => entry.fading)) return;
   parent.append(html("h3", { textContent: "Fading factor" }));
   addPanel(parent, "What the predicted covariance was multiplied by", () => {
     const series = shown().filter((entry) => entry.fading).map((entry) =>
-      ({ ...look(entry), x: entry.fading.t, y: entry.fading.factor, value: (i) => figure(entry.fading.factor[i]) }));
+      ({ ...look(entry), kind: "dots", keep: (i) => entry.fading.factor[i] > 1,
+        x: entry.fading.t, y: entry.fading.factor, value: (i) => figure(entry.fading.factor[i]) }));
     return { x: timeAxis(), y: { domain: around(series.flatMap((one) => finite(one.y)), 1, 2), log: true }, series, rules: [{ y: 1 }] };
   });
 }
