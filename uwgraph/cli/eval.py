@@ -165,5 +165,7 @@ def _print_drift(rows: Sequence[Mapping[str, Any]]) -> None:
         print_table("drift (RPE, RMS)", [title for _, title in DRIFT], cells)
 
 
-def _cell(value: float | None) -> str:
-    return "" if value is None else f"{value:.4g}"
+def _cell(value: float | int | None) -> str:
+    if value is None:
+        return ""
+    return str(value) if isinstance(value, int) else f"{value:.4g}"

@@ -67,6 +67,8 @@ def denser(estimate: Trajectory, reference: Trajectory) -> Trajectory:
 def sampled(trajectory: Trajectory, t_ns: TimeArray, matching: Matching) -> Trajectory:
     """The trajectory at other stamps, NaN where it does not reach; covariances are those of the nearest pose."""
     own = trajectory.t_ns
+    if np.array_equal(own, t_ns):
+        return trajectory
     after = np.clip(np.searchsorted(own, t_ns), 1, max(len(own) - 1, 1))
     before_is_nearer = np.abs(t_ns - own[after - 1]) <= np.abs(own[after % len(own)] - t_ns)
     nearest = np.where(before_is_nearer, after - 1, after % len(own))

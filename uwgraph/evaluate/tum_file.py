@@ -57,7 +57,7 @@ def read_tum(path: Path) -> TumPoses:
         line.
     """
     text = read_bytes(path)
-    rows = _COMMENT.sub(b"", text)
+    rows = _COMMENT.sub(b"", text) if b"#" in text else text
     if not rows.strip():
         raise DataError("holds no poses", where=str(path), remedy="is it the right file?")
     table = _table(path, rows)
@@ -114,8 +114,10 @@ def _damaged(path: Path, text: bytes, at: int) -> DataError:
 
 
 def _table(path: Path, rows: bytes) -> pa.Table:
-    plain = re.sub(rb"[ \t\r]+", b" ", rows)
-    plain = re.sub(rb"^ | $", b"", plain, flags=re.MULTILINE)
+    plain = rows.translate(bytes.maketrans(b"\t\r", b"  "))
+    while b"  " in plain:
+        plain = plain.replace(b"  ", b" ")
+    plain = plain.replace(b"\n ", b"\n").replace(b" \n", b"\n").strip(b" ")
     try:
         return pa.csv.read_csv(
             io.BytesIO(plain),

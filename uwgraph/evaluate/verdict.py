@@ -15,7 +15,7 @@ from uwgraph.errors import DataError
 from uwgraph.evaluate.align import HIDES, Alignment
 from uwgraph.evaluate.judge import judge
 from uwgraph.evaluate.matching import Matching, compare_trajectories, denser
-from uwgraph.evaluate.metrics import Comparison, compare, error_metrics
+from uwgraph.evaluate.metrics import Comparison, ate_metrics, compare, error_metrics
 from uwgraph.evaluate.reference import known_rows
 from uwgraph.evaluate.table import tum_lines
 from uwgraph.evaluate.trajectory import Trajectory
@@ -143,11 +143,12 @@ def _better_frame(
         "--trajectory-frame enu": (as_if(estimate, "enu"), reference) if estimate.assumed else None,
         "--reference-frame enu": (estimate, as_if(reference, "enu")) if reference.assumed else None,
     }
-    now = error_metrics(comparison, ())["ate_rmse_m"]
+    now = ate_metrics(comparison.e_n, 0.0)["ate_rmse_m"]
     hints = []
     for option, pair in as_enu.items():
         if pair is not None and now is not None:
-            then = error_metrics(compare_trajectories(*pair, comparison.alignment, matching), ())["ate_rmse_m"]
+            other = compare_trajectories(*pair, comparison.alignment, matching)
+            then = ate_metrics(other.e_n, 0.0)["ate_rmse_m"]
             if then is not None and then < FITS_BETTER * now:
                 hints.append(f"{option} (ATE {then:.3g} m instead of {now:.3g} m)")
     return [f"the frames differ? it fits better with {' or '.join(hints)}"] if hints else []
