@@ -127,6 +127,14 @@ def test_nis_counts_what_was_used() -> None:
     assert depth.mean_nis == pytest.approx(1.0, abs=0.3)
 
 
+def test_late_measurements_are_drawn_in_their_place() -> None:
+    of = innovations(truth().t_ns)
+    late = of.select(np.random.default_rng(3).permutation(len(of)))
+    for history in histories(late, START):
+        assert (np.diff(history.t_s) >= 0).all()
+    assert sorted(h.kind for h in histories(late, START)) == ["depth", "dvl"]
+
+
 def test_running_nis_of_white_innovations_stays_in_its_interval() -> None:
     rng = np.random.default_rng(1)
     n, t_ns = 40_000, START + np.arange(40_000) * 10**9

@@ -284,6 +284,11 @@ def test_on_a_phone_nothing_overflows_and_a_finger_reads_out(page: Browser) -> N
         page.tell("Input.dispatchTouchEvent", type="touchStart", touchPoints=[finger])
         page.tell("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
         assert "aukf" in page.find("#errors .readout").text
+        page.tell("Input.dispatchTouchEvent", type="touchStart", touchPoints=[finger])
+        for x in range(0, 100, 10):
+            page.tell("Input.dispatchTouchEvent", type="touchMove", touchPoints=[finger | {"x": finger["x"] + x}])
+        page.tell("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+        assert page.run("return !document.getElementById('whole').disabled")
     finally:
         page.tell("Emulation.setTouchEmulationEnabled", enabled=False)
 

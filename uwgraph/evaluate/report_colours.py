@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-LIGHT = ("#0072b2", "#c44e00", "#007a5a", "#a8327e", "#8f6b00", "#332288", "#2a8a9d", "#882233")
-DARK = ("#5cb8f2", "#ff9150", "#3ccf9f", "#f08fcb", "#e8c04a", "#b0a6ff", "#7fdbe6", "#ff8a9a")
+LIGHT = ("#0072b2", "#c44e00", "#007a5a", "#a8327e", "#8f6b00", "#332288", "#99223a", "#2a8a9d")
+DARK = ("#5cb8f2", "#ff9150", "#3ccf9f", "#f08fcb", "#e8c04a", "#b0a6ff", "#ff8a9a", "#7fdbe6")
 DASHES = ("", "7 3", "2 3", "9 3 2 3")
 USUAL = ("smooth", "aukf", "ukf", "eskf", "rts", "dr", "aeskf")
 """The estimators of ours keep their colours from one contest to the next."""

@@ -20,7 +20,7 @@ def figure(value: float | None, digits: int = 3) -> str:
     """A number as people read it: three digits, no exponent where there need not be one."""
     if value is None or not np.isfinite(value):
         return ABSENT
-    text = f"{value:.0f}" if abs(value) >= 10**digits else f"{value:.{digits}g}"
+    text = f"{value:.0f}" if abs(value) >= 10**digits else f"{value:#.{digits}g}".rstrip(".")
     return text.replace("-", "−", 1) if value < 0.0 else text
 
 

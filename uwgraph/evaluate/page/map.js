@@ -93,9 +93,12 @@ class TrackMap {
     if (fixes) made.push(svg("path", { class: "fixes", d: fixes.east.map((e, i) => SHAPES.cross(X(e), Y(fixes.north[i]))).join("") }));
     const track = this.data.entries.find((entry) => entry.name === this.state.detail) || this.data.reference;
     if (!track) return made;
-    for (const t of this.data.sun) {
-      const i = nearest(track.t, t);
-      if (track.east[i] !== null) made.push(svg("circle", { class: "sun", r: 3, cx: X(track.east[i]), cy: Y(track.north[i]) }));
+    let [x, y] = [-Infinity, -Infinity];
+    for (const i of this.data.sun.map((t) => nearest(track.t, t)).filter((i) => track.east[i] !== null)) {
+      const [cx, cy] = [X(track.east[i]), Y(track.north[i])];
+      if (Math.hypot(cx - x, cy - y) < 18) continue; // a chain of rings would hide the track
+      made.push(svg("circle", { class: "sun", r: 3, cx, cy }));
+      [x, y] = [cx, cy];
     }
     const last = track.east.length - 1;
     made.push(svg("circle", { class: "end", r: 6, cx: X(track.east[0]), cy: Y(track.north[0]) }),
@@ -146,7 +149,7 @@ class TrackMap {
 
   listen() {
     let held = null;
-    this.svg.addEventListener("pointerdown", (event) => { held = this.place(event); });
+    this.svg.addEventListener("pointerdown", (event) => { held = this.place(event); this.seek(...held); });
     this.svg.addEventListener("pointermove", (event) => {
       const [x, y] = this.place(event);
       if (held && event.buttons && (this.zoom > 1 || event.pointerType === "mouse")) {
