@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from uwgraph.cli import calibrate, check, demo, export, importing, mapping, places, simulate, smooth, sun
+from uwgraph.cli import calibrate, check, compare, demo, export, importing, mapping, places, simulate, smooth, sun
 from uwgraph.cli import eval as eval_command
 from uwgraph.cli.console import errors_in_words
 
@@ -24,6 +24,7 @@ app.command("import", epilog=importing.EXAMPLES)(importing.import_)
 app.command("check", epilog=check.EXAMPLES)(check.check)
 app.command("simulate", epilog=simulate.EXAMPLES)(simulate.simulate)
 app.command("smooth", epilog=smooth.EXAMPLES)(smooth.smooth)
+app.command("compare", epilog=compare.EXAMPLES)(compare.compare)
 app.command("eval", epilog=eval_command.EXAMPLES)(eval_command.eval_)
 app.command("map", epilog=mapping.EXAMPLES)(mapping.map_)
 app.command("export", epilog=export.EXAMPLES)(export.export)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -68,7 +68,7 @@ def metrics_json(metrics: Mapping[str, Any]) -> str:
     return json.dumps(metrics, indent=2, allow_nan=False) + "\n"
 
 
-def refuse_taken(out_dir: str | os.PathLike[str], *, overwrite: bool) -> None:
+def refuse_taken(out_dir: str | os.PathLike[str], *, overwrite: bool, files: Sequence[str] = FILES) -> None:
     """Tell before the long work, not after it, that the output has no place to go.
 
     Raises
@@ -79,7 +79,7 @@ def refuse_taken(out_dir: str | os.PathLike[str], *, overwrite: bool) -> None:
     folder = Path(out_dir)
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
         return
-    ours = folder.is_dir() and all((folder / name).is_file() for name in FILES)
+    ours = folder.is_dir() and all((folder / name).is_file() for name in files)
     if ours and overwrite:
         return
     if ours:

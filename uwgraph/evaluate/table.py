@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pyarrow as pa
 from scipy.spatial.transform import Rotation
 
 from uwgraph.evaluate.people import people, sigmas
 from uwgraph.time import NS
-from uwgraph.types import ClosureVerdicts, FloatArray, Solution, TimeArray, stream_fields
+from uwgraph.types import ClosureVerdicts, FloatArray, Innovations, Solution, TimeArray, stream_fields
 
 
 def solution_table(solution: Solution) -> pa.Table:
@@ -44,6 +46,17 @@ def solution_table(solution: Solution) -> pa.Table:
 def closures_table(verdicts: ClosureVerdicts) -> pa.Table:
     """What was decided about every closure, a column for every field of :class:`uwgraph.types.ClosureVerdicts`."""
     return pa.table(dict(stream_fields(verdicts)))
+
+
+def innovations_table(innovations: Innovations) -> pa.Table:
+    """What a filter made of its measurements, in :class:`uwgraph.types.Innovations`; vectors as columns _1, _2, ..."""
+    columns: dict[str, Any] = {}
+    for name, array in stream_fields(innovations):
+        if array.ndim == 1:
+            columns[name] = array
+        else:
+            columns |= {f"{name}_{i}": column for i, column in enumerate(array.T, start=1)}
+    return pa.table(columns)
 
 
 def trajectory_tum(solution: Solution) -> str:

@@ -7,17 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uwgraph.filters.ins import BA, BG, GyroDrift, Ins, P, V, start_root
+from uwgraph.dive import Dive
+from uwgraph.filters.ins import BA, BG, CORE, GyroDrift, Ins, P, V, start_root
+from uwgraph.filters.kalman import Kalman
 from uwgraph.filters.monitor import Policy
-from uwgraph.filters.run import Epochs, Filtering, Kalman, Runner
-from uwgraph.filters.sensors import observations
+from uwgraph.filters.run import Epochs, Filtering, Runner
+from uwgraph.filters.sensors import observations, relative, rememberable
 from uwgraph.filters.settings import FilterSettings
 from uwgraph.filters.state import Belief
 from uwgraph.graph.builder import VELOCITY_SIGMA
-from uwgraph.graph.initial import Initial
+from uwgraph.graph.initial import Initial, initial_state
+from uwgraph.graph.keyframes import schedule
 from uwgraph.graph.observed import Observed
-from uwgraph.graph.prepare import Prepared
-from uwgraph.graph.track import Track
+from uwgraph.graph.prepare import Prepared, prepare
+from uwgraph.graph.settings import SmoothSettings
+from uwgraph.graph.track import Track, dead_reckon
 from uwgraph.types import FloatArray, Innovations, Solution, TimeArray
 
 
@@ -31,29 +35,81 @@ class Task:
     """Dead reckoning from the first state: where things were measured, roughly."""
     t_ns: TimeArray
     """Increasing, not before the first state, shape (K,)."""
+    settings: SmoothSettings
+    """Where the first state comes from, and which of the dive's streams are used."""
     more: Sequence[Observed] = ()
     """Measurements beside the dive's streams."""
 
 
+def task_of(
+    dive: Dive, settings: SmoothSettings | None = None, t_ns: TimeArray | None = None, more: Sequence[Observed] = ()
+) -> Task:
+    """The task of a dive, with the same first state and, where no times are given, the same keyframes as the graph.
+
+    Raises
+    ------
+    DataError, InitialisationError
+        As :func:`uwgraph.graph.smooth` does.
+    """
+    settings = settings or SmoothSettings()
+    prepared = prepare(dive)
+    initial = initial_state(prepared, settings)
+    track = dead_reckon(prepared, initial.t_ns, initial.R_nb, initial.p_n, initial.cov_rotation_b)
+    if t_ns is None:
+        t_ns = schedule(prepared, settings, initial.t_ns, int(prepared.imu.t_ns[-1]))
+    return Task(prepared, initial, track, t_ns[t_ns >= initial.t_ns], settings, more)
+
+
+@dataclass(frozen=True, eq=False)
+class Filtered:
+    """What a filter makes of a dive."""
+
+    beliefs: Sequence[Belief]
+    """At the task's times, each with what had reached the filter by then."""
+    innovations: Innovations | None
+
+
 def filter_dive(
-    task: Task, kalman: Kalman, policy: Policy, settings: FilterSettings, progress: Callable[[float], None]
-) -> tuple[Solution, Innovations | None]:
-    """The filter's answer at the task's times, with what was known at each, and its innovations."""
-    start = int(task.initial.t_ns)
-    every = [*observations(task.prepared, task.track), *task.more]
-    every = sorted((o for o in every if start < o.t_ns <= task.prepared.imu.t_ns[-1]), key=lambda o: o.t_ns)
-    stamps = np.array([o.t_ns for o in every], dtype=np.int64)
-    grid = np.unique(np.concatenate([[start], stamps, task.t_ns]))
+    task: Task,
+    kalman: Kalman,
+    policy: Policy,
+    settings: FilterSettings,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Filtered:
+    """Run a filter over a dive from its first state."""
+    measured, last_use = _measured(task, settings)
+    stamps = np.array([o.t_ns for o in measured], dtype=np.int64)
+    start = task.initial.t_ns
+    remembered = np.array([start, *last_use], dtype=np.int64)
+    grid = np.unique(np.concatenate([remembered, stamps, task.t_ns]))
+    by_epoch: dict[int, list[Observed]] = {}
+    for epoch, observed in zip(np.searchsorted(grid, stamps).tolist(), measured, strict=True):
+        by_epoch.setdefault(epoch, []).append(observed)
     epochs = Epochs.of(task.prepared, task.track, grid, settings.samples_per_step)
-    measured: dict[int, list[Observed]] = {}
-    for epoch, observed in zip(np.searchsorted(grid, stamps).tolist(), every, strict=True):
-        measured.setdefault(epoch, []).append(observed)
     delays = {kind: round(delay * 1e9) for kind, delay in settings.delays_s.items()}
-    runner = Runner(kalman, policy, epochs, measured, delays)
-    beliefs, innovations = runner.run(
-        Filtering(first_belief(task, kalman.ins)), np.searchsorted(grid, task.t_ns), progress
-    )
-    return solution_of(task.prepared, beliefs), innovations
+    runner = Runner(kalman, policy, epochs, by_epoch, delays, last_use)
+    begin = Filtering(first_belief(task, kalman.ins))
+    return Filtered(*runner.run(begin, np.searchsorted(grid, task.t_ns), progress))
+
+
+def _measured(task: Task, settings: FilterSettings) -> tuple[list[Observed], dict[int, int]]:
+    """Everything measured after the first state, and the poses to be remembered with their last use, ns."""
+    prepared, start, end = task.prepared, task.initial.t_ns, int(task.t_ns[-1])
+    streams = {"odometry": prepared.odometry if task.settings.odometry else None}
+    if task.settings.closures and prepared.closures is not None and settings.max_nodes:
+        streams["closures"] = prepared.closures.select(prepared.closures.accepted)
+    measured = [*observations(prepared, task.track), *task.more]
+    last_use: dict[int, int] = {}
+    for kind, stream in streams.items():
+        if stream is None:
+            continue
+        seen = stream.select((stream.from_ns > start) & (stream.t_ns <= end))
+        if kind == "closures":
+            seen = rememberable(seen, settings.max_nodes)
+        measured += relative(kind, seen)
+        for before, after in zip(seen.from_ns.tolist(), seen.t_ns.tolist(), strict=True):
+            last_use[before] = max(last_use.get(before, 0), after)
+    return sorted((o for o in measured if start < o.t_ns <= end), key=lambda o: o.t_ns), last_use
 
 
 def ins_of(prepared: Prepared, settings: FilterSettings) -> Ins:
@@ -87,8 +143,9 @@ def first_belief(task: Task, ins: Ins) -> Belief:
 def solution_of(prepared: Prepared, beliefs: Sequence[Belief]) -> Solution:
     """Beliefs as states with the covariances that people know."""
     R = np.array([b.x.R[0] for b in beliefs])
-    y = np.array([b.x.y for b in beliefs])
-    cov = np.array([b.P for b in beliefs])
+    y = np.array([b.x.y[:CORE] for b in beliefs])
+    root = np.array([b.S[:CORE, :CORE] for b in beliefs])
+    cov = root @ np.swapaxes(root, 1, 2)
     to_body = np.zeros((len(R), 6, 6))
     to_body[:, :3, :3] = np.eye(3)
     to_body[:, 3:, 3:] = np.swapaxes(R, 1, 2)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from factors.lie import skew
-from uwgraph.filters.roots import lower_root
+from uwgraph.filters.roots import lower_root, solve_lower
 from uwgraph.filters.state import Belief, State
 from uwgraph.filters.unscented import Seen
 from uwgraph.types import FloatArray
@@ -16,12 +16,22 @@ from uwgraph.types import FloatArray
 
 def predict(belief: Belief, t_ns: int, moved: State, F: FloatArray, noise_rows: FloatArray) -> Belief:
     """The belief after a motion with derivative F and additive noise noise_rows^T noise_rows."""
-    return Belief(t_ns, moved, lower_root(np.vstack([(F @ belief.S).T, noise_rows])))
+    return predict_and_carry(belief, t_ns, moved, F, noise_rows)[0]
+
+
+def predict_and_carry(
+    belief: Belief, t_ns: int, moved: State, F: FloatArray, noise_rows: FloatArray
+) -> tuple[Belief, FloatArray]:
+    """:func:`predict`, and what carries correlations along, as in :mod:`uwgraph.filters.unscented`."""
+    FS = F @ belief.S
+    S = lower_root(np.concatenate([FS.T, noise_rows]))
+    return Belief(t_ns, moved, S), solve_lower(S, FS).T
 
 
 def see(belief: Belief, residual: FloatArray, H: FloatArray) -> Seen:
-    """A measurement's residual and its derivative H at the belief's state."""
-    return Seen(residual, (H @ belief.S).T, belief.S.T)
+    """A measurement's residual and its derivative H at the belief's state by the first a numbers of the tangent."""
+    a = H.shape[1]
+    return Seen(residual, (H @ belief.S[:a, :a]).T, np.eye(a))
 
 
 def iterate(
@@ -42,15 +52,15 @@ def iterate(
         away = prior.x.to(x)
         # d(x0 + away + d) / d(away): the tangent at x is not the tangent at the prior
         J = _right_jacobian(prior.x, away)
-        seen = Seen(z - H @ np.linalg.solve(J, away), (H @ np.linalg.solve(J, prior.S)).T, prior.S.T)
+        seen = Seen(z - H @ np.linalg.solve(J, away), (H @ np.linalg.solve(J, prior.S)).T, np.eye(prior.x.size))
         conditioned = seen.with_noise(S_R)
-        d = -conditioned.gain @ conditioned.whiten(seen.mean)
+        d = -prior.S @ (conditioned.gain @ conditioned.whiten(seen.mean))
         following = prior.x.plus(d)
         step = np.abs(x.to(following)).max()
         x = following
         if step < tolerance:
             break
-    S = np.asarray(np.linalg.solve(_right_jacobian(prior.x, d), conditioned.S))
+    S = np.asarray(np.linalg.solve(_right_jacobian(prior.x, d), prior.S @ conditioned.L))
     return replace(prior, x=x, S=lower_root(S.T))
 
 

@@ -19,15 +19,21 @@ import numpy as np
 import factors
 from uwgraph.dive.rig import ImuRig
 from uwgraph.filters import kernels
-from uwgraph.filters.state import State
+from uwgraph.filters.augment import augmented
+from uwgraph.filters.state import Belief, State
 from uwgraph.graph.observed import Observed
 from uwgraph.types import FloatArray
 
 THETA, P, V, BG, BA = (slice(3 * i, 3 * i + 3) for i in range(5))
 CORE = 15
+NODE = 6
 DRIFT = slice(CORE, CORE + 3)
 INTEGRATION = 1e-5
 """m/sqrt(s), as in :class:`factors.ImuNoise`."""
+
+
+Nodes = tuple[int, ...]
+"""Moments of the poses that stand at the end of a state, in their order."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +64,17 @@ class Ins:
     @property
     def dvl_at(self) -> int:
         """Where the calibration begins; -1 where there is none."""
-        return CORE + 3 * (self.drift is not None) if self.calibrated else -1
+        return self.moving if self.calibrated else -1
+
+    @property
+    def moving(self) -> int:
+        """How many numbers of the tangent the process moves: the first ones."""
+        return CORE + 3 * (self.drift is not None)
 
     @property
     def size(self) -> int:
         """Length of the tangent without remembered poses."""
-        return CORE + 3 * (self.drift is not None) + factors.CALIBRATION_DIM * self.calibrated
+        return self.moving + factors.CALIBRATION_DIM * self.calibrated
 
     def state(self, R_nb: FloatArray, p_n: FloatArray, v_n: FloatArray) -> State:
         """A state without biases."""
@@ -83,13 +94,13 @@ class Ins:
         return F
 
     def noise_rows(self, dt: float) -> FloatArray:
-        """Rows whose squares are the noise of one step: white noise, integration and walks, shape (15, size)."""
+        """Rows whose squares are the noise of one step: white noise, integration and walks, shape (15, moving)."""
         return self._once("rows", dt, self._noise_rows)
 
     def _noise_rows(self, dt: float) -> FloatArray:
         rig, eye = self.noise, np.eye(3)
         white = rig.accel_noise_density * np.sqrt(dt)
-        rows = np.zeros((CORE, self.size))
+        rows = np.zeros((CORE, self.moving))
         rows[0:3, THETA] = rig.gyro_noise_density * np.sqrt(dt) * eye
         rows[3:6, V], rows[3:6, P] = white * eye, 0.5 * dt * white * eye
         rows[6:9, P] = np.hypot(white * dt / np.sqrt(12.0), INTEGRATION * np.sqrt(dt)) * eye
@@ -123,14 +134,31 @@ class Ins:
             self._made[key] = make(dt)
         return self._made[key]
 
-    def residuals(self, observed: Observed, x: State) -> FloatArray:
-        """Whitened residuals of M states, shape (M, m)."""
-        variables = [self._arrays(role, observed, x) for role in observed.roles]
+    def node_at(self, nodes: Nodes, t_ns: int) -> int:
+        """Where the pose remembered from a moment begins in the tangent."""
+        return self.size + NODE * nodes.index(t_ns)
+
+    def reach(self, observed: Observed, nodes: Nodes) -> int:
+        """How many numbers of the tangent, from the first on, a measurement depends on at most."""
+        return self.node_at(nodes, observed.node_ns) + NODE if "node" in observed.roles else self.size
+
+    def remember(self, belief: Belief) -> Belief:
+        """The belief with a copy of the body's pose at its end."""
+        J = np.zeros((NODE, belief.x.size))
+        J[:, :NODE] = np.eye(NODE)
+        return augmented(belief, belief.x.y[:NODE], J, R=belief.x.R[0])
+
+    def residuals(self, observed: Observed, x: State, nodes: Nodes = ()) -> FloatArray:
+        """Whitened residuals of M states, shape (M, m); ``nodes`` are the moments of the poses at their end."""
+        variables = [self._arrays(role, observed, x, nodes) for role in observed.roles]
         return np.asarray(observed.model.residuals(*variables) @ observed.whitener.T)
 
-    def _arrays(self, role: str, observed: Observed, x: State) -> Any:
+    def _arrays(self, role: str, observed: Observed, x: State, nodes: Nodes) -> Any:
         if role == "pose":
             return factors.Poses(x.R[:, 0], x.y[:, P])
+        if role == "node":
+            at = self.node_at(nodes, observed.node_ns) + 3
+            return factors.Poses(x.R[:, 1 + nodes.index(observed.node_ns)], x.y[:, at : at + 3])
         if role == "velocity":
             return x.y[:, V]
         if role == "bias":
@@ -141,16 +169,20 @@ class Ins:
             return x.y[:, self.dvl_at : self.dvl_at + 4] if calibrated else np.zeros((len(x.y), 4))
         raise ValueError(f"an inertial state has no {role!r}")
 
-    def jacobian(self, observed: Observed, x: State) -> FloatArray:
-        """Derivative of the whitened residual at one state, shape (m, n)."""
+    def jacobian(self, observed: Observed, x: State, nodes: Nodes = ()) -> FloatArray:
+        """Derivative of the whitened residual at one state by as much as it reaches, shape (m, a)."""
         batch = State(x.R[None], x.y[None], x.rot)
-        values = [_gtsam(role, self._arrays(role, observed, batch)) for role in observed.roles]
-        H = np.zeros((len(observed.whitener), x.size))
+        values = [_gtsam(role, self._arrays(role, observed, batch, nodes)) for role in observed.roles]
+        H = np.zeros((len(observed.whitener), self.reach(observed, nodes)))
         for role, J in zip(observed.roles, observed.model.jacobians(*values), strict=True):
             W = observed.whitener @ J
             if role == "pose":
                 H[:, THETA] += W[:, :3]
                 H[:, P] += W[:, 3:] @ x.R[0].T
+            elif role == "node":
+                at = self.node_at(nodes, observed.node_ns)
+                H[:, at : at + 3] += W[:, :3]
+                H[:, at + 3 : at + 6] += W[:, 3:] @ x.R[1 + nodes.index(observed.node_ns)].T
             elif role == "velocity":
                 H[:, V] += W
             elif role == "bias":
@@ -164,7 +196,7 @@ class Ins:
 
 
 def _gtsam(role: str, arrays: Any) -> Any:
-    if role == "pose":
+    if role in ("pose", "node"):
         return gtsam.Pose3(gtsam.Rot3(arrays.R_nb[0]), arrays.p_n[0])
     if role == "bias":
         return gtsam.imuBias.ConstantBias(arrays[0, :3], arrays[0, 3:])

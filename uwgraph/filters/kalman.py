@@ -1,14 +1,20 @@
-"""The two ways in which a belief about an inertial state is predicted and sees a measurement."""
+"""The two ways in which a belief about an inertial state is predicted and sees a measurement.
+
+Only the inertial core moves. What stands behind it in the state, the Doppler log's calibration and remembered poses, is
+correlated with it and constant: a prediction goes over the core alone, and the correlations are carried along once.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
 from uwgraph.filters import extended, unscented
-from uwgraph.filters.ins import Ins
+from uwgraph.filters.ins import Ins, Nodes
+from uwgraph.filters.roots import lower_root
 from uwgraph.filters.state import Belief, State
 from uwgraph.filters.unscented import Seen, Spread, Weights
 from uwgraph.graph.observed import Observed
@@ -16,57 +22,90 @@ from uwgraph.types import FloatArray
 
 
 @dataclass(frozen=True)
-class Unscented:
-    """By sigma points."""
+class Kalman(ABC):
+    """A filter of inertial states."""
 
     ins: Ins
-    spread: Spread
-    _weights: dict[int, Weights] = field(default_factory=dict, repr=False, compare=False)
 
     def predict(self, belief: Belief, t_ns: int, steps: FloatArray, earth: FloatArray) -> Belief:
-        weights = self.weights(belief)
+        """The belief after steps of dt, specific force and rate, shape (S, 7)."""
+        core, G = _core(belief, self.ins.moving), np.eye(self.ins.moving)
         for step in steps:
-            noise = padded(self.ins.noise_rows(float(step[0])), belief.x.size)
-            belief = unscented.predict(belief, t_ns, partial(self.ins.move, step=step, earth=earth), noise, weights)
-        return belief
+            core, carried = self.step(core, t_ns, step, earth)
+            G = G @ carried
+        return _joined(core, G, belief)
 
-    def see(self, belief: Belief, observed: Observed) -> Seen:
-        return unscented.see(belief, lambda x: self.ins.residuals(observed, x), self.weights(belief))
+    @abstractmethod
+    def step(self, core: Belief, t_ns: int, step: FloatArray, earth: FloatArray) -> tuple[Belief, FloatArray]:
+        """The moving part after one step, and E[u u'^T] of the unit vectors behind its errors."""
 
-    def weights(self, belief: Belief) -> Weights:
-        n = belief.x.size
+    @abstractmethod
+    def see(self, belief: Belief, observed: Observed, nodes: Nodes = ()) -> Seen:
+        """A measurement's whitened residual over a belief; ``nodes`` are the moments of the poses at its end."""
+
+
+@dataclass(frozen=True)
+class Unscented(Kalman):
+    """By sigma points."""
+
+    spread: Spread = field(default_factory=Spread)
+    _weights: dict[int, Weights] = field(default_factory=dict, repr=False, compare=False)
+
+    def step(self, core: Belief, t_ns: int, step: FloatArray, earth: FloatArray) -> tuple[Belief, FloatArray]:
+        motion = partial(self.ins.move, step=step, earth=earth)
+        noise = self.ins.noise_rows(float(step[0]))
+        return unscented.predict_and_carry(core, t_ns, motion, noise, self.weights(core.x.size))
+
+    def see(self, belief: Belief, observed: Observed, nodes: Nodes = ()) -> Seen:
+        weights = self.weights(self.ins.reach(observed, nodes))
+        return unscented.see(belief, lambda x: self.ins.residuals(observed, x, nodes), weights)
+
+    def weights(self, n: int) -> Weights:
         if n not in self._weights:
             self._weights[n] = self.spread.of(n)
         return self._weights[n]
 
 
 @dataclass(frozen=True)
-class Extended:
+class Extended(Kalman):
     """To first order."""
 
-    ins: Ins
+    def step(self, core: Belief, t_ns: int, step: FloatArray, earth: FloatArray) -> tuple[Belief, FloatArray]:
+        return extended.predict_and_carry(core, t_ns, *self.linearized(core.x, step, earth))
 
-    def predict(self, belief: Belief, t_ns: int, steps: FloatArray, earth: FloatArray) -> Belief:
-        for step in steps:
-            F = self.ins.transition(belief.x, step, earth)
-            moved = _one(self.ins.move(_batch(belief.x), step, earth))
-            noise = padded(self.ins.noise_rows(float(step[0])), belief.x.size)
-            belief = extended.predict(belief, t_ns, moved, F, noise)
-        return belief
+    def linearized(self, x: State, step: FloatArray, earth: FloatArray) -> tuple[State, FloatArray, FloatArray]:
+        """The state after a step, the derivative of the step and the rows of its noise."""
+        moved = self.ins.move(_batch(x), step, earth)
+        noise = self.ins.noise_rows(float(step[0]))
+        return State(moved.R[0], moved.y[0], x.rot), self.ins.transition(x, step, earth), noise
 
-    def see(self, belief: Belief, observed: Observed) -> Seen:
-        residual = self.ins.residuals(observed, _batch(belief.x))[0]
-        return extended.see(belief, residual, self.ins.jacobian(observed, belief.x))
-
-
-def padded(rows: FloatArray, n: int) -> FloatArray:
-    """Rows for n states, zero for those that were appended."""
-    return rows if rows.shape[1] == n else np.pad(rows, ((0, 0), (0, n - rows.shape[1])))
+    def see(self, belief: Belief, observed: Observed, nodes: Nodes = ()) -> Seen:
+        residual = self.ins.residuals(observed, _batch(belief.x), nodes)[0]
+        return extended.see(belief, residual, self.ins.jacobian(observed, belief.x, nodes))
 
 
 def _batch(x: State) -> State:
     return State(x.R[None].copy(), x.y[None].copy(), x.rot)
 
 
-def _one(x: State) -> State:
-    return State(x.R[0], x.y[0], x.rot)
+def _core(belief: Belief, n: int) -> Belief:
+    """The first n numbers of the tangent alone: the body's rotation, and no other."""
+    return Belief(belief.t_ns, belief.x.core(n), np.ascontiguousarray(belief.S[:n, :n]))
+
+
+def _joined(core: Belief, G: FloatArray, before: Belief) -> Belief:
+    """The core put back before what did not move.
+
+    Their errors are A u + B w with unit normal u, w; u is G u' + (I - G G^T)^1/2 v. What it does not share with the
+    core any more goes to their own root.
+    """
+    n = core.x.size
+    S = np.zeros_like(before.S)
+    S[:n, :n] = core.S
+    if len(S) > n:
+        A, B = before.S[n:, :n], before.S[n:, n:]
+        left, Q = np.linalg.eigh(np.eye(n) - G @ G.T)
+        freed = A @ (Q * np.sqrt(np.maximum(left, 0.0)))
+        S[n:, :n] = A @ G
+        S[n:, n:] = lower_root(np.concatenate([B.T, freed.T]))
+    return replace(before, t_ns=core.t_ns, x=before.x.with_core(core.x), S=S)

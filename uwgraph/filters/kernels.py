@@ -210,3 +210,13 @@ def transition(
             F[0:9, drift_at + i] = F[0:9, 9 + i]
             F[drift_at + i, drift_at + i] = decay[0]
     return F
+
+
+def compile_all() -> None:
+    """Compile every kernel now, or load it from the cache of a former run: some seconds once on a machine."""
+    rot, R, y = np.zeros(1, dtype=np.int64), np.eye(3)[None], np.zeros(15)
+    step, earth, decay = np.full(7, 0.01), np.zeros(6), np.ones(2)
+    Rs, ys = plus(R, y, np.zeros((2, 15)), rot)
+    propagate(Rs, ys, step, earth, -1, decay)
+    minus(Rs, ys, R, y, rot)
+    transition(R[0], y, step, earth, -1, decay)

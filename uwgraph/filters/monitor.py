@@ -88,22 +88,22 @@ class Policy:
             self._limits[key] = float(2.0 * gammaincinv(m / 2.0, quantile))
         return self._limits[key]
 
-    def take(self, belief: Belief, see: See, monitor: Monitor | None) -> Taken:
-        """Judge a measurement and use it."""
+    def take(self, belief: Belief, see: See, monitor: Monitor | None, opens: bool = True) -> Taken:
+        """Judge a measurement and use it; ``opens``: where most are refused the filter is to blame, not they."""
         seen = see(belief)
         m = len(seen.mean)
         monitor = monitor or Monitor(Noise.stated(m))
-        if self.adaptation is None:
-            return self._fixed(belief, seen, monitor)
+        if self.adaptation is None or not opens:
+            return self._fixed(belief, seen, monitor, opens)
         return self._adaptive(belief, see, seen, monitor, self.adaptation)
 
-    def _fixed(self, belief: Belief, seen: Seen, monitor: Monitor) -> Taken:
+    def _fixed(self, belief: Belief, seen: Seen, monitor: Monitor, opens: bool) -> Taken:
         m = len(seen.mean)
         believed = seen.with_noise(np.eye(m))
         white = believed.whiten(seen.mean)
         d2 = float(white @ white)
         monitor = _remember(monitor, white, d2 > self.limit(self.gate, m))
-        accepted = d2 <= self.limit(self.gate, m) or monitor.mostly_large
+        accepted = d2 <= self.limit(self.gate, m) or (opens and monitor.mostly_large)
         after = moved_by(belief, seen, believed) if accepted else belief
         return Taken(after, monitor, seen.mean, d2 / m, accepted, np.ones(m))
 

@@ -29,39 +29,42 @@ def lower_root(rows: FloatArray) -> FloatArray:
     return S
 
 
+def solve_lower(S: FloatArray, b: FloatArray) -> FloatArray:
+    """S^-1 b of a lower-triangular S."""
+    x, _ = dtrtrs(S, b, lower=1)
+    return np.asarray(x)
+
+
 @dataclass(frozen=True, eq=False)
 class Conditioned:
-    """A measurement and a state conditioned on it."""
+    """A unit normal vector u, conditioned on a measurement of which it makes part."""
 
     S_z: FloatArray
     """Root of the covariance of the innovation, noise included, shape (m, m)."""
     gain: FloatArray
-    """P_xz S_z^-T, shape (n, m): what the state moves by for an innovation whitened by ``S_z``."""
-    S: FloatArray
-    """Root of the state's covariance afterwards, shape (n, n)."""
+    """E[u z^T] S_z^-T, shape (a, m): what u moves by for an innovation whitened by ``S_z``."""
+    L: FloatArray
+    """Lower root of the covariance of u afterwards, shape (a, a)."""
 
     def whiten(self, innovation: FloatArray) -> FloatArray:
         """S_z^-1 innovation: a unit normal vector where the filter is right."""
-        white, _ = dtrtrs(self.S_z, innovation, lower=1)
-        return np.asarray(white)
+        return solve_lower(self.S_z, innovation)
 
 
-def condition(Z: FloatArray, X: FloatArray, S_R: FloatArray) -> Conditioned:
-    """Condition a state on a measurement.
+def condition(Z: FloatArray, U: FloatArray, S_R: FloatArray) -> Conditioned:
+    """Condition a unit normal vector on a measurement.
 
     Parameters
     ----------
-    Z, X
-        Deviations of the predicted measurement and of the state, shape (rows, m) and (rows, n): Z^T Z is the spread of
-        the prediction, X^T X = P, X^T Z = P_xz.
+    Z, U
+        Deviations of the predicted measurement and of u, shape (rows, m) and (rows, a): Z^T Z is the spread of the
+        prediction, U^T U the unit matrix, U^T Z their covariance.
     S_R
         Root of the noise, R = S_R S_R^T, shape (m, m).
     """
     rows, m = Z.shape
-    n = X.shape[1]
-    A = np.zeros((rows + m, m + n))
-    A[:rows, :m], A[:rows, m:], A[rows:, :m] = Z, X, S_R.T
-    if len(A) < m + n:
-        A = np.vstack([A, np.zeros((m + n - len(A), m + n))])
+    a = U.shape[1]
+    A = np.zeros((max(rows + m, m + a), m + a))
+    A[:rows, :m], A[:rows, m:], A[rows : rows + m, :m] = Z, U, S_R.T
     L = lower_root(A)
     return Conditioned(L[:m, :m], L[m:, :m], L[m:, m:])

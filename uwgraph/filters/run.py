@@ -7,17 +7,18 @@ the longest delay, up to which everything has come in, and looks ahead from ther
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Protocol
+from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 import factors
-from uwgraph.filters.ins import Ins
+from uwgraph.filters.augment import without
+from uwgraph.filters.ins import NODE, Nodes
+from uwgraph.filters.kalman import Kalman
 from uwgraph.filters.monitor import Monitor, Policy, Taken
 from uwgraph.filters.state import Belief
-from uwgraph.filters.unscented import Seen
 from uwgraph.graph.observed import Observed
 from uwgraph.graph.place import place_at
 from uwgraph.graph.prepare import Prepared
@@ -25,20 +26,8 @@ from uwgraph.graph.track import Track
 from uwgraph.types import FloatArray, Innovations, TimeArray
 
 IndexArray = NDArray[np.intp]
-
-
-class Kalman(Protocol):
-    """How a belief is predicted and how it sees a measurement: linearised, or by sigma points."""
-
-    ins: Ins
-
-    def predict(self, belief: Belief, t_ns: int, steps: FloatArray, earth: FloatArray) -> Belief:
-        """The belief after steps of dt, specific force and rate, shape (S, 7)."""
-        ...
-
-    def see(self, belief: Belief, observed: Observed) -> Seen:
-        """A measurement's whitened residual over a belief."""
-        ...
+CLAIMS = ("closures",)
+"""Kinds that the gate is never opened for: what most of them say may well be false."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +60,7 @@ class Filtering:
     belief: Belief
     monitors: Mapping[str, Monitor] = field(default_factory=dict)
     epoch: int = 0
+    nodes: Nodes = ()
 
 
 Record = Callable[[Observed, Taken], None]
@@ -87,6 +77,8 @@ class Runner:
     """By epoch."""
     delays_ns: Mapping[str, int]
     """How late each kind arrives; what is not named is at once there."""
+    last_use: Mapping[int, int] = field(default_factory=dict)
+    """Poses to be remembered: their moment, and the last moment at which one is seen again, ns."""
 
     def run(
         self, start: Filtering, outputs: IndexArray, progress: Callable[[float], None]
@@ -107,7 +99,7 @@ class Runner:
 
     def _advance(self, filtering: Filtering, until: int, known_ns: int | None, record: Record) -> Filtering:
         """On to an epoch, its measurements included; with those only that are there at ``known_ns``."""
-        belief, monitors = filtering.belief, dict(filtering.monitors)
+        belief, monitors, nodes = filtering.belief, dict(filtering.monitors), filtering.nodes
         epochs = self.epochs
         for k in range(filtering.epoch, until):
             steps = epochs.steps[epochs.first[k] : epochs.first[k + 1]]
@@ -115,13 +107,22 @@ class Runner:
             for observed in self.measured.get(k + 1, ()):
                 if known_ns is not None and observed.t_ns + self.delays_ns.get(observed.kind, 0) > known_ns:
                     continue
-                taken = self._take(belief, observed, monitors.get(observed.kind))
+                see = partial(self.kalman.see, observed=observed, nodes=nodes)
+                taken = self.policy.take(belief, see, monitors.get(observed.kind), observed.kind not in CLAIMS)
                 belief, monitors[observed.kind] = taken.belief, taken.monitor
                 record(observed, taken)
-        return replace(filtering, belief=belief, monitors=monitors, epoch=max(until, filtering.epoch))
+            belief, nodes = self._remember(belief, nodes, k + 1)
+        return Filtering(belief, monitors, max(until, filtering.epoch), nodes)
 
-    def _take(self, belief: Belief, observed: Observed, monitor: Monitor | None) -> Taken:
-        return self.policy.take(belief, lambda b: self.kalman.see(b, observed), monitor)
+    def _remember(self, belief: Belief, nodes: Nodes, epoch: int) -> tuple[Belief, Nodes]:
+        """Forget the poses that nobody will see again, and remember the present one where somebody will."""
+        now = int(self.epochs.t_ns[epoch])
+        for node in [n for n in nodes if self.last_use[n] <= now]:
+            belief = without(belief, self.kalman.ins.node_at(nodes, node), NODE)
+            nodes = tuple(n for n in nodes if n != node)
+        if now in self.last_use:
+            return self.kalman.ins.remember(belief), (*nodes, now)
+        return belief, nodes
 
 
 def innovations_of(history: Sequence[tuple[Observed, Taken]]) -> Innovations | None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gtsam
 import numpy as np
 
 import factors
+from factors.lie import exp_so3
 from uwgraph.frames import R_n_local, ned_from_geodetic
 from uwgraph.graph.models import depth_models, fix_models, heading_models, sun_models
 from uwgraph.graph.observed import Observed, Role
@@ -12,14 +14,45 @@ from uwgraph.graph.place import place_at
 from uwgraph.graph.prepare import Prepared
 from uwgraph.graph.track import Track
 from uwgraph.sun.ephemeris import sun_direction_n
+from uwgraph.types import RelativePoses, TimeArray
 
 DVL_ROLES: tuple[Role, ...] = ("pose", "velocity", "bias", "dvl")
 
 
 def observations(prepared: Prepared, track: Track) -> list[Observed]:
-    """Every measurement of a prepared dive by time; ``track`` says roughly where each was made."""
+    """Every measurement of a prepared dive that is of one moment; ``track`` says roughly where each was made."""
     each = [*_dvl(prepared), *_depth(prepared, track), *_fixes(prepared), *_heading(prepared, track)]
-    return sorted([*each, *_sun(prepared, track)], key=lambda o: o.t_ns)
+    return [*each, *_sun(prepared, track)]
+
+
+def relative(kind: str, stream: RelativePoses) -> list[Observed]:
+    """Motions from an earlier pose to the present one: visual odometry, places seen again."""
+    return [
+        Observed(t, kind, factors.RelativePose(gtsam.Pose3(gtsam.Rot3(R), p), cov), ("node", "pose"), before)
+        for t, before, R, p, cov in zip(
+            stream.t_ns.tolist(), stream.from_ns.tolist(), exp_so3(stream.rotvec), stream.p, stream.cov, strict=True
+        )
+    ]
+
+
+def rememberable(stream: RelativePoses, most: int) -> RelativePoses:
+    """As many motions as ``most`` poses remembered at a time allow, those with the shortest wait first."""
+    chosen: list[int] = []
+    for n in np.argsort(stream.t_ns - stream.from_ns, kind="stable").tolist():
+        pending = [k for k in chosen if stream.from_ns[k] < stream.t_ns[n] and stream.t_ns[k] > stream.from_ns[n]]
+        if _most_at_once(stream.from_ns[pending], stream.t_ns[pending]) < most:
+            chosen.append(n)
+    return stream.select(np.sort(chosen).astype(np.intp))
+
+
+def _most_at_once(begin: TimeArray, end: TimeArray) -> int:
+    """Largest number of intervals that overlap at one moment."""
+    if not len(begin):
+        return 0
+    at = np.concatenate([begin, end])
+    step = np.repeat([1, -1], len(begin))
+    order = np.lexsort((step, at))
+    return int(np.cumsum(step[order]).max())
 
 
 def _dvl(prepared: Prepared) -> list[Observed]:

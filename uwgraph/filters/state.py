@@ -46,6 +46,15 @@ class State:
             return d
         return np.asarray(kernels.minus(other.R[None], other.y[None], self.R, self.y, self.rot)[0])
 
+    def core(self, n: int) -> State:
+        """The first n numbers of one state alone, the rotation that begins them included, and no other."""
+        return State(self.R[:1], self.y[:n], self.rot[:1])
+
+    def with_core(self, core: State) -> State:
+        """This state with its first numbers and its first rotation replaced."""
+        y = np.concatenate([core.y, self.y[core.size :]])
+        return State(np.concatenate([core.R, self.R[1:]]), y, self.rot)
+
 
 @dataclass(frozen=True, eq=False)
 class Belief:

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from uwgraph.filters.roots import Conditioned, condition, lower_root
+from uwgraph.filters.roots import Conditioned, condition, lower_root, solve_lower
 from uwgraph.filters.state import Belief, State
 from uwgraph.types import FloatArray
 
@@ -66,32 +66,55 @@ class Weights:
         W[0] = max(W[0] + 1.0 - self.spread.alpha**2 + self.spread.beta, 0.0)
         return np.sqrt(W)[:, None]
 
+    @cached_property
+    def points(self) -> FloatArray:
+        """The sigma points of a unit normal vector, shape (2 n + 1, n): zero, plus and minus the axes."""
+        axes = self.scale * np.eye(self.n)
+        return np.vstack([np.zeros((1, self.n)), axes, -axes])
+
+    @cached_property
+    def rows(self) -> FloatArray:
+        """The same, weighted: rows^T rows is the unit matrix."""
+        return self.root * self.points
+
     def deviations(self, S: FloatArray) -> FloatArray:
-        """Tangent vectors of the sigma points, shape (2 n + 1, n): zero, then plus and minus the columns of S."""
-        D = np.zeros((2 * self.n + 1, self.n))
-        D[1 : self.n + 1] = self.scale * S.T
-        np.negative(D[1 : self.n + 1], out=D[self.n + 1 :])
-        return D
+        """Tangent vectors of the sigma points along the first n columns of a root, shape (2 n + 1, size)."""
+        half = self.scale * S[:, : self.n].T
+        return np.concatenate([np.zeros((1, len(S))), half, -half])
 
 
 def predict(belief: Belief, t_ns: int, motion: Motion, noise_rows: FloatArray, weights: Weights) -> Belief:
     """The belief after a motion with additive noise, whose covariance is noise_rows^T noise_rows."""
+    return predict_and_carry(belief, t_ns, motion, noise_rows, weights)[0]
+
+
+def predict_and_carry(
+    belief: Belief, t_ns: int, motion: Motion, noise_rows: FloatArray, weights: Weights
+) -> tuple[Belief, FloatArray]:
+    """:func:`predict`, and what carries correlations along: G = E[u u'^T].
+
+    u and u' are the unit normal vectors before and after, of which the state's errors are S u and S' u'.
+    """
     moved = motion(belief.x.plus(weights.deviations(belief.S)))
     centre = State(moved.R[0], moved.y[0], moved.rot)
     x = centre.plus(weights.mean @ centre.to(moved))
-    return Belief(t_ns, x, lower_root(np.vstack([weights.root * x.to(moved), noise_rows])))
+    E = weights.root * x.to(moved)
+    S = lower_root(np.concatenate([E, noise_rows]))
+    n = weights.n
+    carried = solve_lower(S, (weights.root[1, 0] * weights.scale) * (E[1 : n + 1] - E[n + 1 :]).T)
+    return Belief(t_ns, x, S), carried.T
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A measurement as the sigma points see it: what does not depend on its noise."""
+    """A measurement as a belief sees it: what does not depend on its noise."""
 
     mean: FloatArray
     """Mean residual, prediction minus measurement, shape (m,)."""
     Z: FloatArray
-    """Weighted deviations of the prediction, shape (2 n + 1, m)."""
-    X: FloatArray
-    """Weighted deviations of the state, shape (2 n + 1, n)."""
+    """Weighted deviations of the prediction, shape (rows, m)."""
+    U: FloatArray
+    """Weighted deviations of u behind them, shape (rows, a): the state errs by S u, along the first a columns of S."""
 
     @property
     def spread(self) -> FloatArray:
@@ -99,18 +122,25 @@ class Seen:
         return np.asarray(self.Z.T @ self.Z)
 
     def with_noise(self, S_R: FloatArray) -> Conditioned:
-        return condition(self.Z, self.X, S_R)
+        return condition(self.Z, self.U, S_R)
 
 
 def see(belief: Belief, residual: Residual, weights: Weights) -> Seen:
-    """A measurement's residual over the belief."""
-    D = weights.deviations(belief.S)
-    z = residual(belief.x.plus(D))
+    """A measurement's residual over the belief.
+
+    Where it depends on the first numbers of the tangent alone, weights for so many states are enough: the columns of a
+    lower-triangular root beyond them do not move what it sees.
+    """
+    z = residual(belief.x.plus(weights.deviations(belief.S)))
     mean = weights.mean @ z
-    return Seen(mean, weights.root * (z - mean), weights.root * D)
+    return Seen(mean, weights.root * (z - mean), weights.rows)
 
 
 def moved_by(belief: Belief, seen: Seen, conditioned: Conditioned) -> Belief:
-    """The belief after the measurement."""
-    d = -conditioned.gain @ conditioned.whiten(seen.mean)
-    return replace(belief, x=belief.x.plus(d), S=conditioned.S)
+    """The belief after the measurement: x + S u, with u as it was conditioned."""
+    a = len(conditioned.L)
+    columns = belief.S[:, :a]
+    x = belief.x.plus(-columns @ (conditioned.gain @ conditioned.whiten(seen.mean)))
+    S = belief.S.copy()
+    S[:, :a] = columns @ conditioned.L
+    return replace(belief, x=x, S=S)

@@ -15,6 +15,7 @@ import factors
 from uwgraph.graph import moving
 from uwgraph.graph.initial import Initial
 from uwgraph.graph.models import depth_models, fix_models, heading_models
+from uwgraph.graph.observed import Observed
 from uwgraph.graph.place import Place, place_at
 from uwgraph.graph.prepare import BodyImu, Prepared
 from uwgraph.graph.relative import closures_at_keyframes, odometry_at_keyframes
@@ -75,10 +76,11 @@ def build(
     keyframes: TimeArray,
     track: Track,
     closures: RelativePoses | None = None,
+    more: Sequence[Observed] = (),
 ) -> Problem:
     """The graph of a prepared dive, with ``track`` as the first guess and the place of linearisation.
 
-    ``closures`` are believed as they are: those that were accepted.
+    ``closures`` are believed as they are: those that were accepted. ``more`` are measurements at keyframes' moments.
     """
     place = place_at(prepared, keyframes, track)
     loss = Losses(settings)
@@ -107,6 +109,8 @@ def build(
         add("odometry", odometry_at_keyframes(prepared.odometry, keyframes, track).factors(loss(6)))
     if closures is not None:
         add("closures", closures_at_keyframes(closures, keyframes, track).factors())
+    for kind, new in _more(more, keyframes, loss).items():
+        add(kind, new)
     values = _first_guess(keyframes, track, place, bias)
     for block in bulk:
         counts["dvl"] = len(block)
@@ -255,6 +259,17 @@ def _sun(prepared: Prepared, keyframes: TimeArray, track: Track, place: Place, l
     s_n = sun_direction_n(prepared.origin, at.t_ns, place.lat[k], place.lon[k])
     robust = loss(2)
     return factors.sun_scatter_factors([X(i) for i in k.tolist()], at.spread, s_n, robust), at.t_ns
+
+
+def _more(more: Sequence[Observed], keyframes: TimeArray, loss: Losses) -> dict[str, list[gtsam.NonlinearFactor]]:
+    """Factors of anybody's own measurements, by kind."""
+    new: dict[str, list[gtsam.NonlinearFactor]] = {}
+    for observed in more:
+        k = int(np.searchsorted(keyframes, observed.t_ns))
+        keys = {"pose": X(k), "velocity": V(k), "bias": B(k), "dvl": DVL_CALIBRATION}
+        factor = observed.model.lowered([keys[role] for role in observed.roles], loss(len(observed.whitener)))
+        new.setdefault(observed.kind, []).append(factor)
+    return new
 
 
 def _lowered(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -21,6 +21,7 @@ from uwgraph.graph.diagnose import diagnose
 from uwgraph.graph.initial import Initial, initial_state
 from uwgraph.graph.keyframes import schedule
 from uwgraph.graph.marginals import marginal_covariances
+from uwgraph.graph.observed import Observed
 from uwgraph.graph.prepare import Prepared, prepare
 from uwgraph.graph.settings import SmoothSettings
 from uwgraph.graph.solver import Solved, solve
@@ -53,8 +54,19 @@ class Smoothed:
         return _track(self.prepared, self.solution)
 
 
-def smooth(dive: Dive, settings: SmoothSettings | None = None, progress: Progress | None = None) -> Solution:
+def smooth(
+    dive: Dive,
+    settings: SmoothSettings | None = None,
+    progress: Progress | None = None,
+    more: Sequence[Observed] = (),
+) -> Solution:
     """Estimate every keyframe's state and its covariance from a whole dive.
+
+    Parameters
+    ----------
+    more
+        Measurements beside the dive's streams, of anybody's own models; each gets a keyframe at its moment. Those
+        outside the IMU's span are left out.
 
     Raises
     ------
@@ -68,7 +80,7 @@ def smooth(dive: Dive, settings: SmoothSettings | None = None, progress: Progres
     settings = settings or SmoothSettings()
     tell = progress or _silent
     started = time.monotonic()
-    found = solve_dive(dive, settings, tell)
+    found = solve_dive(dive, settings, tell, more=more)
     problem, solved, solution = found.problem, found.solved, found.solution
     if settings.covariances:
         tell("covariances", 0.0)
@@ -80,7 +92,13 @@ def smooth(dive: Dive, settings: SmoothSettings | None = None, progress: Progres
     return replace(solution, info=info)
 
 
-def solve_dive(dive: Dive, settings: SmoothSettings, tell: Progress, guess: Solution | None = None) -> Smoothed:
+def solve_dive(
+    dive: Dive,
+    settings: SmoothSettings,
+    tell: Progress,
+    guess: Solution | None = None,
+    more: Sequence[Observed] = (),
+) -> Smoothed:
     """The solved graph of a dive, begun from dead reckoning or from an earlier solution of the same dive.
 
     Raises what :func:`smooth` does.
@@ -89,11 +107,13 @@ def solve_dive(dive: Dive, settings: SmoothSettings, tell: Progress, guess: Solu
     prepared = prepare(dive)
     initial = initial_state(prepared, settings)
     keyframes = schedule(prepared, settings, initial.t_ns, int(prepared.imu.t_ns[-1]))
+    more = [o for o in more if keyframes[0] <= o.t_ns <= keyframes[-1]]
+    keyframes = np.union1d(keyframes, np.array([o.t_ns for o in more], dtype=np.int64))
     if guess is None:
         track = dead_reckon(prepared, initial.t_ns, initial.R_nb, initial.p_n, initial.cov_rotation_b)
     else:
         track = _track(prepared, guess)
-    rounds = _Rounds(prepared, settings, initial, keyframes, tell)
+    rounds = _Rounds(prepared, settings, initial, keyframes, tell, more)
     smoothed = rounds.settle(track)
     if settings.closures and prepared.closures is not None:
         smoothed = rounds.close(smoothed, prepared.closures)
@@ -109,12 +129,13 @@ class _Rounds:
     initial: Initial
     keyframes: TimeArray
     tell: Progress
+    more: Sequence[Observed]
 
     def settle(self, track: Track, closures: RelativePoses | None = None) -> Smoothed:
         """The solution from a first track on, with closures that are believed as they are."""
         for _ in range(MAX_ROUNDS):
             self.tell("building the graph", 0.0)
-            problem = build(self.prepared, self.settings, self.initial, self.keyframes, track, closures)
+            problem = build(self.prepared, self.settings, self.initial, self.keyframes, track, closures, self.more)
             smoothed = self._smoothed(problem, _solve(problem, self.settings, self.tell))
             if not _moved(track, smoothed.solution):
                 break
