@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
+from multiprocessing.context import SpawnProcess
 from typing import Any
 
 import numpy as np
@@ -104,7 +104,7 @@ def _run_all(tasks: Sequence[tuple[Any, ...]], jobs: int, progress: Progress) ->
     context = get_context("spawn")
     waiting = list(tasks)
     done: dict[str, Ran | str] = {}
-    running: dict[Connection, tuple[str, BaseProcess]] = {}
+    running: dict[Connection, tuple[str, SpawnProcess]] = {}
     shares = {task[0]: 0.0 for task in tasks}
     try:
         while waiting or running:
