@@ -1,0 +1,273 @@
+"""AUKF-SLAM on the kinematic model: an adaptive unscented filter whose state grows by the places it sees.
+
+The model of the document: a vehicle's position and heading, driven by velocities and a rate, and nodes of a topological
+map beside it. Measurements in the order of time; what comes late is not taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from uwgraph.dive.rig import Settings
+from uwgraph.errors import DataError
+from uwgraph.filters import part
+from uwgraph.filters.kinematic import VEHICLE, Direct, InputNoise, Inputs, Kinematic
+from uwgraph.filters.monitor import Monitor, Policy, See, Taken
+from uwgraph.filters.place_nodes import Association, Places, PlaceSettings, Sighting, Verdict, associate, fused
+from uwgraph.filters.settings import Adaptation, SigmaPoints
+from uwgraph.filters.state import Belief
+from uwgraph.filters.system import System
+from uwgraph.filters.unscented import Spread
+from uwgraph.filters.votes import Votes
+from uwgraph.graph.settings import Quantile
+from uwgraph.types import FloatArray, TimeArray
+
+Measurement = Direct | Sighting
+
+
+class SlamSettings(Settings):
+    """What the user can choose."""
+
+    inputs: InputNoise = InputNoise()
+    places: PlaceSettings = PlaceSettings()
+    sigma_points: SigmaPoints = SigmaPoints()
+    gate: Quantile = 0.9999
+    """Share of good measurements that pass the gate; places have their own."""
+    learns: Literal["nothing", "sensors", "system", "both"] = "sensors"
+    """Whose noise is estimated; of both together hardly more than the sum can be told."""
+    system_mean: bool = False
+    """Whether the mean of the system's noise is estimated with it."""
+    adaptation: Adaptation = Adaptation()
+
+
+@dataclass(frozen=True, eq=False)
+class MapNode:
+    """A place of the map."""
+
+    label: int
+    pose: FloatArray
+    """North, east, down [m], and the heading [rad] where places have one: shape (3,) or (4,)."""
+    cov: FloatArray
+    """Shape (3, 3) or (4, 4)."""
+    descriptor: FloatArray
+    """Shape (D,)."""
+    count: int
+    """Sightings."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sighted:
+    """What became of a sighting."""
+
+    t_ns: int
+    verdict: Verdict
+    label: int | None
+    """The node that it was taken for or that it made; None where it was left out."""
+
+
+@dataclass(frozen=True, eq=False)
+class SlamResult:
+    """Where the vehicle was, and the places."""
+
+    t_ns: TimeArray
+    """Of the inputs, shape (K,)."""
+    y: FloatArray
+    """North, east, down [m] and heading [rad], unwrapped, shape (K, 4)."""
+    cov: FloatArray
+    """Shape (K, 4, 4)."""
+    nodes: tuple[MapNode, ...]
+    """The map in the end."""
+    sighted: tuple[Sighted, ...]
+    """Every sighting."""
+    history: tuple[tuple[Measurement, Taken], ...]
+    """Every measurement that was judged, and how."""
+
+
+class Slam:
+    """The filter as it runs: :meth:`advance` with the inputs, :meth:`take` what is measured.
+
+    Raises
+    ------
+    DataError
+        When the first belief is not that of a kinematic model with the settings' noise, when time runs backwards, or
+        when a sighting is of another kind than those before.
+    """
+
+    def __init__(self, first: Belief, settings: SlamSettings | None = None) -> None:
+        self.settings = settings or SlamSettings()
+        self._model = Kinematic(self.settings.inputs)
+        if first.x.size != self._model.size:
+            raise DataError(
+                f"{first.x.size} numbers, where the inputs' noise asks for {self._model.size}",
+                where="first belief",
+                remedy="make it by Kinematic.start with the same noise",
+            )
+        learns = self.settings.learns
+        self._policy = Policy(self.settings.gate, self.settings.adaptation if learns in ("sensors", "both") else None)
+        self._spread = Spread(**self.settings.sigma_points.model_dump())
+        self._monitors: dict[str, Monitor] = {}
+        self.system = System(self.settings.inputs.root)
+        """What is believed of the inputs' noise."""
+        self.places = Places(first)
+        """The vehicle and the nodes, as they are believed to be."""
+        self._votes = Votes()
+        self._labels = 0
+        self._before: Belief | None = None
+        self._epoch_ns = first.t_ns
+        self.sighted: list[Sighted] = []
+        self.history: list[tuple[Measurement, Taken]] = []
+
+    @property
+    def belief(self) -> Belief:
+        """About the vehicle (position, heading, biases), then the nodes."""
+        return self.places.belief
+
+    def noise(self, kind: str) -> FloatArray | None:
+        """Covariance believed of a kind of measurement in units of the stated sigmas; None before the first."""
+        return self._monitors[kind].noise.R if kind in self._monitors else None
+
+    def nodes(self) -> tuple[MapNode, ...]:
+        """The map."""
+        S, y = self.belief.S, self.belief.x.y
+        return tuple(
+            MapNode(node.label, y[at], S[at] @ S[at].T, node.descriptor, node.count)
+            for node, at in ((node, self.places.at(k)) for k, node in enumerate(self.places.nodes))
+        )
+
+    def advance(self, t_ns: int, u: FloatArray) -> None:
+        """On to a moment with constant inputs, shape (4,)."""
+        belief, dt = self.belief, (t_ns - self.belief.t_ns) * 1e-9
+        if dt < 0.0:
+            raise DataError("time runs backwards", where=f"inputs at {t_ns}", remedy="sort inputs and measurements")
+        if dt == 0.0:
+            return
+        self._close_epoch()
+        u = u + self.system.mean
+        rows = self._model.noise_rows(float(belief.x.y[3]), dt, u, self.system.root)
+        rows = np.pad(rows, ((0, 0), (0, belief.x.size - rows.shape[1])))
+        moved = part.predict(belief, t_ns, self._model.at, lambda x: self._model.move(x, dt, u), rows, self._spread)
+        self.places = replace(self.places, belief=moved)
+
+    def take(self, measured: Measurement) -> None:
+        """What is measured at the moment that the filter is at."""
+        if measured.t_ns != self.belief.t_ns:
+            raise DataError(
+                f"the filter is at {self.belief.t_ns}", where=f"{measured.kind} at {measured.t_ns}", remedy="advance it"
+            )
+        if self._before is None:
+            self._before = self.belief
+        if isinstance(measured, Sighting):
+            self._sight(measured)
+        else:
+            self._use(measured, lambda b: part.see(b, measured.at, measured.residual, self._spread))
+
+    def run(self, inputs: Inputs, measured: Sequence[Measurement]) -> SlamResult:
+        """All inputs, and what is measured between the first belief and the last of them, in the order of time."""
+        pending = sorted((m for m in measured if m.t_ns > self.belief.t_ns), key=lambda m: m.t_ns)
+        inputs = inputs.select(inputs.t_ns > self.belief.t_ns)
+        y, cov, done = np.empty((len(inputs), VEHICLE)), np.empty((len(inputs), VEHICLE, VEHICLE)), 0
+        for k, (t_ns, u) in enumerate(zip(inputs.t_ns.tolist(), inputs.u, strict=True)):
+            while done < len(pending) and pending[done].t_ns <= t_ns:
+                self.advance(pending[done].t_ns, u)
+                self.take(pending[done])
+                done += 1
+            self.advance(t_ns, u)
+            S = self.belief.S[:VEHICLE]
+            y[k], cov[k] = self.belief.x.y[:VEHICLE], S @ S.T
+        return SlamResult(inputs.t_ns, y, cov, self.nodes(), tuple(self.sighted), tuple(self.history))
+
+    def _use(self, measured: Measurement, see: See) -> bool:
+        taken = self._policy.take(self.belief, see, self._monitors.get(measured.kind))
+        self.places = replace(self.places, belief=taken.belief)
+        self._monitors[measured.kind] = taken.monitor
+        self.history.append((measured, taken))
+        return taken.accepted
+
+    def _sight(self, sighting: Sighting) -> None:
+        if self.places.nodes and len(sighting.relative) != self.places.size:
+            raise DataError(
+                f"a place of {len(sighting.relative)} numbers among those of {self.places.size}",
+                where=f"sighting at {sighting.t_ns}",
+                remedy="give all places a heading, or none",
+            )
+        found = self._associate(sighting)
+        if found.verdict == "ambiguous" and self._fuse(*found.nodes[:2]):
+            found = self._associate(sighting)
+        label: int | None = None
+        if found.verdict == "new":
+            label = self._append(sighting)
+        elif found.verdict != "ambiguous" and self._believable(sighting, found):
+            label = self._recognise(sighting, found.nodes[0])
+        self.sighted.append(Sighted(sighting.t_ns, found.verdict, label))
+        if label is not None:
+            self._fuse_neighbours(label)
+
+    def _associate(self, sighting: Sighting) -> Association:
+        noise = self.noise(sighting.kind)
+        R = np.eye(len(sighting.relative)) if noise is None else noise
+        return associate(self.places, sighting, R, self.settings.places, self._spread)
+
+    def _believable(self, sighting: Sighting, found: Association) -> bool:
+        """Whether a sighting that looks like a node may correct the filter.
+
+        One that does not fit may where most places lately did not: if it is a near miss, then either noise or state
+        have changed; if not, other places have to put the vehicle where this one does, and then it was lost.
+        """
+        known = found.verdict == "known"
+        if not known and len(found.nodes) > 1:
+            return False
+        off = self.places.off(sighting, found.nodes[0])
+        self._votes = self._votes.after(self.places.nodes[found.nodes[0]].label, known, off)
+        if known or not self._votes.doubted:
+            return known
+        if found.d2 <= self.settings.adaptation.cap * len(sighting.relative):
+            return True
+        lost = self._votes.agree(off, 3.0 * self.settings.places.radius_m)
+        if lost:
+            self.places, self._votes = self.places.widened(off), Votes()
+        return lost
+
+    def _append(self, sighting: Sighting) -> int:
+        label, self._labels = self._labels, self._labels + 1
+        if len(self.places.nodes) == self.settings.places.most:
+            self.places = self.places.dropped(self.places.least_useful())
+        self.places = self.places.with_node(sighting, label)
+        return label
+
+    def _recognise(self, sighting: Sighting, k: int) -> int | None:
+        """The node's label where the sighting was used."""
+        places = self.places
+        if not self._use(sighting, lambda b: places.look(b, sighting, k, self._spread)):
+            return None
+        node = places.nodes[k].seen_again(sighting)
+        self.places = self.places.renewed(k, node)
+        return node.label
+
+    def _fuse_neighbours(self, label: int) -> None:
+        """Fuse a node with all that turn out to be the same place."""
+        node = self.places.nodes[self.places.find(label)]
+        alike = self.places.alike(node.descriptor, self.settings.places.descriptor_gate)
+        others = [self.places.nodes[k].label for k in alike if self.places.nodes[k] is not node]
+        for other in others:
+            if self._fuse(self.places.find(label), self.places.find(other)):
+                label = min(label, other)
+
+    def _fuse(self, j: int, k: int) -> bool:
+        places = fused(self.places, j, k, self.settings.places)
+        self.places = places or self.places
+        return places is not None
+
+    def _close_epoch(self) -> None:
+        """Learn the system's noise from the measurements of the moment that the filter leaves."""
+        before, self._before = self._before, None
+        if before is None or self.settings.learns not in ("system", "both"):
+            return
+        elapsed = (before.t_ns - self._epoch_ns) * 1e-9
+        if elapsed > 0.0:
+            how, mean = self.settings.adaptation, self.settings.system_mean
+            self.system = self.system.learnt(before, self.belief, elapsed, how, mean)
+            self._epoch_ns = before.t_ns
