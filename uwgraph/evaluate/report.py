@@ -1,6 +1,6 @@
 """``report.html``: a contest of estimators on one self-contained page.
 
-The drawings are SVG made by a few hundred lines of script of our own (``page/``), not by a plotting library: plotly's
+The drawings are SVG made by 700 lines of script of our own (``page/``), not by a plotting library: plotly's
 script alone is 4.8 MB, keeps fingers from scrolling past a figure, and knows neither the reader's dark mode nor print.
 Here colours are the style sheet's, paper gets vectors, and a page is as large as its data. The policy in its head
 allows the page's own script and style by their hashes and nothing else, and no network at all.
