@@ -95,11 +95,6 @@ class Kinematic:
         """Length of the tangent: 4, or 8 with biases."""
         return 2 * VEHICLE if self.noise.biased else VEHICLE
 
-    @property
-    def at(self) -> Index:
-        """What moves and what makes it move."""
-        return np.arange(self.size)
-
     def start(self, t_ns: int, p_n: ArrayLike, psi: float, P: ArrayLike) -> Belief:
         """A belief about position [m] and heading [rad] with their covariance, shape (4, 4), and unknown biases."""
         y, S = np.zeros(self.size), np.zeros((self.size, self.size))

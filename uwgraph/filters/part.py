@@ -1,66 +1,58 @@
 """The unscented transform over a part of a state: for what moves, or tells of, no more than that part.
 
 Sigma points of the whole state lie sqrt(n) sigmas away, so that a filter which remembers 50 places would look at
-headings twelve sigmas off. Here they are drawn from the part's own k numbers, P_aa = L L^T, and take the rest of the
-state with them as it is correlated; what is not correlated with the part goes through unchanged. On a linear problem
-this is the transform of the whole state, at any k.
+headings twelve sigmas off. Here they are drawn from the part's own k numbers and take the rest of the state with them as
+it is correlated. On a linear problem this is the transform of the whole state, whatever k.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
+from scipy.linalg.lapack import dgeqrf, dormqr
 
+from uwgraph.filters import unscented
+from uwgraph.filters.monitor import See
 from uwgraph.filters.roots import lower_root
 from uwgraph.filters.state import Belief, Index, State
-from uwgraph.filters.unscented import Motion, Residual, Seen, Spread, Weights
+from uwgraph.filters.unscented import Motion, Residual, Spread, Weights
 from uwgraph.types import FloatArray
 
 
 @cache
-def _weights(spread: Spread, k: int) -> Weights:
+def weights(spread: Spread, k: int) -> Weights:
+    """The spread over k numbers."""
     return spread.of(k)
 
 
-@dataclass(frozen=True, eq=False)
-class Points:
-    """Sigma points of a part of a belief, whose errors are S u with a unit normal vector u."""
+def facing(belief: Belief, at: Index) -> Belief:
+    """The belief with its root turned: the numbers ``at``, shape (k,), depend on its first k columns alone.
 
-    weights: Weights
-    Q: FloatArray
-    """Orthonormal: the directions of u that move the part, shape (n, k)."""
-    D: FloatArray
-    """Tangent vectors of the points, shape (2 k + 1, n)."""
-
-    @classmethod
-    def of(cls, belief: Belief, at: Index, spread: Spread) -> Points:
-        """Sigma points of the numbers ``at`` of the tangent, shape (k,)."""
-        weights = _weights(spread, len(at))
-        Q, _ = np.linalg.qr(belief.S[at].T)
-        return cls(weights, Q, weights.points @ (belief.S @ Q).T)
-
-    @property
-    def others(self) -> FloatArray:
-        """Rows of u's covariance in all other directions, shape (n, n)."""
-        return np.eye(len(self.Q)) - self.Q @ self.Q.T
+    Any S T with an orthogonal T is a root of the same covariance; this one is not triangular any more.
+    """
+    reflectors, tau, *_ = dgeqrf(belief.S[at].T)
+    S, *_ = dormqr("R", "N", reflectors, tau, belief.S, len(belief.S))
+    S[at, len(at) :] = 0.0
+    return replace(belief, S=np.asarray(S))
 
 
-def predict(belief: Belief, t_ns: int, at: Index, motion: Motion, noise_rows: FloatArray, spread: Spread) -> Belief:
-    """As :func:`unscented.predict`, for a motion that moves the numbers ``at`` and depends on no others."""
-    points = Points.of(belief, at, spread)
-    moved = motion(belief.x.plus(points.D))
+def lowered(belief: Belief) -> Belief:
+    """The belief with its root turned lower triangular again."""
+    return replace(belief, S=lower_root(belief.S.T))
+
+
+def sight(residual: Residual, k: int, spread: Spread) -> See:
+    """A residual that depends on k numbers, over beliefs that face them: see :func:`unscented.see`."""
+    return lambda facing: unscented.see(facing, residual, weights(spread, k))
+
+
+def predict(belief: Belief, t_ns: int, k: int, motion: Motion, noise_rows: FloatArray, spread: Spread) -> Belief:
+    """As :func:`unscented.predict`, for a motion of the first k numbers that depends on no others."""
+    points = weights(spread, k)
+    moved = motion(belief.x.plus(points.deviations(belief.S)))
     centre = State(moved.R[0], moved.y[0], moved.rot)
-    x = centre.plus(points.weights.mean @ centre.to(moved))
-    rows = points.weights.root * x.to(moved)
-    return Belief(t_ns, x, lower_root(np.concatenate([rows, points.others @ belief.S.T, noise_rows])))
-
-
-def see(belief: Belief, at: Index, residual: Residual, spread: Spread) -> Seen:
-    """As :func:`unscented.see`, for a residual that depends on no other numbers than ``at``."""
-    points = Points.of(belief, at, spread)
-    z = residual(belief.x.plus(points.D))
-    mean = points.weights.mean @ z
-    Z = np.concatenate([points.weights.root * (z - mean), np.zeros((len(belief.S), z.shape[1]))])
-    return Seen(mean, Z, np.concatenate([points.weights.rows @ points.Q.T, points.others]))
+    x = centre.plus(points.mean @ centre.to(moved))
+    rows = [points.root * x.to(moved), belief.S[:, k:].T, noise_rows]
+    return Belief(t_ns, x, lower_root(np.concatenate(rows)))

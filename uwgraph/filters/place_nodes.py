@@ -19,12 +19,12 @@ from scipy.stats import chi2
 
 from uwgraph.dive.rig import Positive, Settings
 from uwgraph.errors import DataError
-from uwgraph.filters import extended, part
+from uwgraph.filters import part
 from uwgraph.filters.augment import augmented, without
 from uwgraph.filters.kinematic import POSITION, PSI, VEHICLE, turned, unwrapped, whitener
 from uwgraph.filters.roots import lower_root
 from uwgraph.filters.state import Belief, Index, State
-from uwgraph.filters.unscented import Seen, Spread, moved_by
+from uwgraph.filters.unscented import Residual, Seen, Spread, moved_by
 from uwgraph.types import FloatArray
 
 SAME = 1e-3
@@ -136,11 +136,18 @@ class Places:
         """Number of the node of a label."""
         return [node.label for node in self.nodes].index(label)
 
-    def look(self, belief: Belief, sighting: Sighting, k: int, spread: Spread) -> Seen:
-        """A sighting's residual over a belief with these nodes, if it is of the k-th."""
-        node = self.at(k)
-        vehicle_and_node = np.concatenate([np.arange(VEHICLE), node])
-        return part.see(belief, vehicle_and_node, partial(sighting.residual, node=node), spread)
+    def vehicle_and(self, k: int) -> Index:
+        """Position and heading of the vehicle, and the k-th node: what a sighting of it depends on."""
+        return np.concatenate([np.arange(VEHICLE), self.at(k)])
+
+    def residual(self, sighting: Sighting, k: int) -> Residual:
+        """A sighting's residual if it is of the k-th node."""
+        return partial(sighting.residual, node=self.at(k))
+
+    def seen(self, sighting: Sighting, k: int, spread: Spread) -> Seen:
+        """A sighting's residual over the belief, if it is of the k-th node."""
+        at = self.vehicle_and(k)
+        return part.sight(self.residual(sighting, k), len(at), spread)(part.facing(self.belief, at))
 
     def off(self, sighting: Sighting, k: int) -> FloatArray:
         """How far the vehicle is from where a sighting of the k-th node puts it, in n, shape (3,)."""
@@ -212,7 +219,7 @@ def associate(
     alike = list(places.alike(sighting.descriptor, settings.descriptor_gate))
     if not alike:
         return Association("new")
-    d2 = np.array([_mahalanobis2(places.look(places.belief, sighting, k, spread), R) for k in alike])
+    d2 = np.array([_mahalanobis2(places, sighting, k, R, spread) for k in alike])
     order = np.argsort(d2)
     fits = d2[order] <= chi2.ppf(settings.gate, len(sighting.relative))
     near = tuple(alike[k] for k in order)
@@ -225,31 +232,36 @@ def associate(
     return Association("known", fitting, float(d2[order[0]]))
 
 
-def _mahalanobis2(seen: Seen, R: FloatArray) -> float:
+def _mahalanobis2(places: Places, sighting: Sighting, k: int, R: FloatArray, spread: Spread) -> float:
+    """v^T S^-1 v."""
+    seen = places.seen(sighting, k, spread)
     return float(seen.mean @ np.linalg.solve(seen.spread + R, seen.mean))
 
 
-def fused(places: Places, j: int, k: int, settings: PlaceSettings) -> Places | None:
+def fused(places: Places, j: int, k: int, settings: PlaceSettings, spread: Spread) -> Places | None:
     """The places with the j-th and k-th node as one, if they are: known close together, and alike.
 
     That they are the same place is a measurement like any other: their difference is zero.
     """
-    apart = places.nodes[j].descriptor - places.nodes[k].descriptor
-    if float(apart @ apart) > settings.descriptor_gate:
+    unlike = places.nodes[j].descriptor - places.nodes[k].descriptor
+    if float(unlike @ unlike) > settings.descriptor_gate:
         return None
     a, b, m = places.at(j), places.at(k), places.size
-    belief = places.belief
-    H = np.zeros((m, belief.x.size))
-    H[range(m), a], H[range(m), b] = 1.0, -1.0
-    off = belief.x.y[a] - belief.x.y[b]
-    off[PSI:] = unwrapped(off[None, PSI:])[0]
-    seen = extended.see(belief, off, H)
+    belief = part.facing(places.belief, np.concatenate([a, b]))
+    seen = part.sight(partial(_apart, a=a, b=b), 2 * m, spread)(belief)
     same = seen.with_noise(SAME * np.eye(m))
-    white = same.whiten(off)
+    white = same.whiten(seen.mean)
     sigma = float(np.sqrt(np.linalg.eigvalsh(seen.spread[:3, :3])[-1]))
-    radius = settings.radius_m
-    if sigma > radius or np.linalg.norm(off[POSITION]) > 3.0 * radius or white @ white > chi2.ppf(settings.gate, m):
+    known_close = sigma <= settings.radius_m and np.linalg.norm(seen.mean[POSITION]) <= 3.0 * settings.radius_m
+    if not known_close or white @ white > chi2.ppf(settings.gate, m):
         return None
+    both = replace(places, belief=part.lowered(moved_by(belief, seen, same)))
     joined = places.nodes[j].joined(places.nodes[k])
-    both = replace(places, belief=moved_by(belief, seen, same))
     return both.renewed(min(j, k), joined).dropped(max(j, k))
+
+
+def _apart(x: State, a: Index, b: Index) -> FloatArray:
+    """Difference of two nodes of M states, shape (M, m)."""
+    off = x.y[:, a] - x.y[:, b]
+    off[:, PSI:] = unwrapped(off[:, PSI:])
+    return np.asarray(off)

@@ -16,12 +16,13 @@ from uwgraph.dive.rig import Settings
 from uwgraph.errors import DataError
 from uwgraph.filters import part
 from uwgraph.filters.kinematic import VEHICLE, Direct, InputNoise, Inputs, Kinematic
-from uwgraph.filters.monitor import Monitor, Policy, See, Taken
+from uwgraph.filters.monitor import Monitor, Policy, Taken
 from uwgraph.filters.place_nodes import Association, Places, PlaceSettings, Sighting, Verdict, associate, fused
 from uwgraph.filters.settings import Adaptation, SigmaPoints
-from uwgraph.filters.state import Belief
+from uwgraph.filters.state import Belief, Index
+from uwgraph.filters.statistics import fading_weight, unbiased_noise
 from uwgraph.filters.system import System
-from uwgraph.filters.unscented import Spread
+from uwgraph.filters.unscented import Residual, Spread
 from uwgraph.filters.votes import Votes
 from uwgraph.graph.settings import Quantile
 from uwgraph.types import FloatArray, TimeArray
@@ -107,7 +108,8 @@ class Slam:
                 remedy="make it by Kinematic.start with the same noise",
             )
         learns = self.settings.learns
-        self._policy = Policy(self.settings.gate, self.settings.adaptation if learns in ("sensors", "both") else None)
+        learnt = self.settings.adaptation if learns in ("sensors", "both") else None
+        self._policy = Policy(self.settings.gate, learnt)
         self._spread = Spread(**self.settings.sigma_points.model_dump())
         self._monitors: dict[str, Monitor] = {}
         self.system = System(self.settings.inputs.root)
@@ -149,7 +151,7 @@ class Slam:
         u = u + self.system.mean
         rows = self._model.noise_rows(float(belief.x.y[3]), dt, u, self.system.root)
         rows = np.pad(rows, ((0, 0), (0, belief.x.size - rows.shape[1])))
-        moved = part.predict(belief, t_ns, self._model.at, lambda x: self._model.move(x, dt, u), rows, self._spread)
+        moved = part.predict(belief, t_ns, self._model.size, lambda x: self._model.move(x, dt, u), rows, self._spread)
         self.places = replace(self.places, belief=moved)
 
     def take(self, measured: Measurement) -> None:
@@ -163,7 +165,7 @@ class Slam:
         if isinstance(measured, Sighting):
             self._sight(measured)
         else:
-            self._use(measured, lambda b: part.see(b, measured.at, measured.residual, self._spread))
+            self._use(measured, measured.at, measured.residual)
 
     def run(self, inputs: Inputs, measured: Sequence[Measurement]) -> SlamResult:
         """All inputs, and what is measured between the first belief and the last of them, in the order of time."""
@@ -180,9 +182,10 @@ class Slam:
             y[k], cov[k] = self.belief.x.y[:VEHICLE], S @ S.T
         return SlamResult(inputs.t_ns, y, cov, self.nodes(), tuple(self.sighted), tuple(self.history))
 
-    def _use(self, measured: Measurement, see: See) -> bool:
-        taken = self._policy.take(self.belief, see, self._monitors.get(measured.kind))
-        self.places = replace(self.places, belief=taken.belief)
+    def _use(self, measured: Measurement, at: Index, residual: Residual) -> bool:
+        see = part.sight(residual, len(at), self._spread)
+        taken = self._policy.take(part.facing(self.belief, at), see, self._monitors.get(measured.kind))
+        self.places = replace(self.places, belief=part.lowered(taken.belief))
         self._monitors[measured.kind] = taken.monitor
         self.history.append((measured, taken))
         return taken.accepted
@@ -212,24 +215,37 @@ class Slam:
         return associate(self.places, sighting, R, self.settings.places, self._spread)
 
     def _believable(self, sighting: Sighting, found: Association) -> bool:
-        """Whether a sighting that looks like a node may correct the filter.
+        """Whether a sighting that looks like a node may correct the filter: if it fits, or if the filter is lost.
 
-        One that does not fit may where most places lately did not: if it is a near miss, then either noise or state
-        have changed; if not, other places have to put the vehicle where this one does, and then it was lost.
+        Lost it is where most places lately did not fit, and other places put the vehicle where this one does. Near
+        misses at least tell of the noise, which the sightings that fit would understate.
         """
-        known = found.verdict == "known"
+        k, known = found.nodes[0], found.verdict == "known"
         if not known and len(found.nodes) > 1:
             return False
-        off = self.places.off(sighting, found.nodes[0])
-        self._votes = self._votes.after(self.places.nodes[found.nodes[0]].label, known, off)
-        if known or not self._votes.doubted:
-            return known
-        if found.d2 <= self.settings.adaptation.cap * len(sighting.relative):
+        off, label = self.places.off(sighting, k), self.places.nodes[k].label
+        self._votes = self._votes.after(label, known, off)
+        if known:
             return True
-        lost = self._votes.agree(off, 3.0 * self.settings.places.radius_m)
+        if found.d2 <= self.settings.adaptation.cap * len(sighting.relative):
+            if self._votes.trusts(label):
+                self._learn_from_miss(sighting, k)
+            return False
+        lost = self._votes.doubted and self._votes.agree(off, 3.0 * self.settings.places.radius_m)
         if lost:
             self.places, self._votes = self.places.widened(off), Votes()
         return lost
+
+    def _learn_from_miss(self, sighting: Sighting, k: int) -> None:
+        """The noise statistics with a sighting that is not used, by its innovation."""
+        how, monitor = self._policy.adaptation, self._monitors.get(sighting.kind)
+        if how is None or monitor is None:
+            return
+        seen = self.places.seen(sighting, k, self._spread)
+        d = fading_weight(monitor.noise.count + 1, how.memory, how.start)
+        learnt = unbiased_noise(monitor.noise, seen.mean - monitor.noise.r, seen.spread, d)
+        if learnt is not None:
+            self._monitors[sighting.kind] = replace(monitor, noise=learnt)
 
     def _append(self, sighting: Sighting) -> int:
         label, self._labels = self._labels, self._labels + 1
@@ -240,10 +256,9 @@ class Slam:
 
     def _recognise(self, sighting: Sighting, k: int) -> int | None:
         """The node's label where the sighting was used."""
-        places = self.places
-        if not self._use(sighting, lambda b: places.look(b, sighting, k, self._spread)):
+        if not self._use(sighting, self.places.vehicle_and(k), self.places.residual(sighting, k)):
             return None
-        node = places.nodes[k].seen_again(sighting)
+        node = self.places.nodes[k].seen_again(sighting)
         self.places = self.places.renewed(k, node)
         return node.label
 
@@ -257,7 +272,7 @@ class Slam:
                 label = min(label, other)
 
     def _fuse(self, j: int, k: int) -> bool:
-        places = fused(self.places, j, k, self.settings.places)
+        places = fused(self.places, j, k, self.settings.places, self._spread)
         self.places = places or self.places
         return places is not None
 
@@ -271,3 +286,4 @@ class Slam:
             how, mean = self.settings.adaptation, self.settings.system_mean
             self.system = self.system.learnt(before, self.belief, elapsed, how, mean)
             self._epoch_ns = before.t_ns
+

@@ -1,8 +1,8 @@
 """Whether the filter or a sighting is wrong: the places that were recognised lately vote.
 
 Every place has one vote, however often it was seen: one that looks like another place would win by staying in view. It
-is against the filter after two sightings in a row that did not fit, so that the one good sighting in a hundred beyond
-the gate does not count.
+is against the filter if most of its last sightings did not fit, and two at least: one good sighting in a hundred is
+beyond the gate.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ import numpy as np
 from uwgraph.types import FloatArray
 
 VOTERS = 8
+SIGHTINGS = 4
+"""Of one place, that make its vote."""
 AGREEING = 3
 """Places that have to imply the same position before a filter believes that it is lost."""
 
@@ -25,12 +27,13 @@ class Vote:
 
     off: FloatArray
     """How far the vehicle is from where its last sighting puts it [m], shape (3,)."""
-    misfits: int = 0
-    """Sightings in a row that did not fit."""
+    fits: tuple[bool, ...] = ()
+    """Whether its last sightings fitted."""
 
     @property
     def against(self) -> bool:
-        return self.misfits >= 2
+        misfits = self.fits.count(False)
+        return misfits >= 2 and 2 * misfits > len(self.fits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +46,12 @@ class Votes:
         """With one more sighting."""
         before = self.cast.get(label, Vote(off))
         others = [(other, vote) for other, vote in self.cast.items() if other != label]
-        vote = Vote(off, 0 if fits else before.misfits + 1)
+        vote = Vote(off, (*before.fits, fits)[-SIGHTINGS:])
         return Votes(dict([*others, (label, vote)][-VOTERS:]))
+
+    def trusts(self, label: int) -> bool:
+        """Whether a place fitted at least once lately: then it is itself, and not another that looks like it."""
+        return any(self.cast[label].fits)
 
     @property
     def doubted(self) -> bool:
