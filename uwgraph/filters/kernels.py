@@ -121,11 +121,12 @@ def propagate(
         What is left of the gyro's and the accelerometer's Markov drift after the step, shape (2,).
 
     The body turns by Exp((w - b) dt) and n by Exp(omega dt). Over one step the force is integrated through the turn to
-    second order: v += R (I + W/2 + W^2/6) f dt, p += R (I/2 + W/6 + W^2/24) f dt^2.
+    second order: v += R (I + W/2 + W^2/6) f dt, p += R (I/2 + W/6 + W^2/24) f dt^2. What n turns meanwhile, under the
+    force R f and under the velocity that it gains, is omega x (3/2 R f + g) dt^2 of v, and a third of it times dt of p.
     """
     dt, drifting = step[0], drift_at >= 0
     E, N, RE = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    w, f, Wf, WWf, turn, gain = np.empty((6, 3))
+    w, f, Wf, WWf, turn, first, second, pull = np.empty((8, 3))
     _exp(-earth[3] * dt, -earth[4] * dt, -earth[5] * dt, N)
     for i in range(len(Rs)):
         y, R = ys[i], Rs[i, 0]
@@ -137,14 +138,16 @@ def propagate(
         _cross(earth[3:], y[6:9], turn)
         for j in range(3):
             push = earth[j] - 2.0 * turn[j]
-            first, second = push, 0.5 * push
+            first[j], second[j] = push, 0.5 * push
             for k in range(3):
-                first += R[j, k] * (f[k] + Wf[k] / 2.0 + WWf[k] / 6.0)
-                second += R[j, k] * (f[k] / 2.0 + Wf[k] / 6.0 + WWf[k] / 24.0)
-            y[3 + j] += (y[6 + j] + second * dt) * dt
-            gain[j] = first * dt
+                first[j] += R[j, k] * (f[k] + Wf[k] / 2.0 + WWf[k] / 6.0)
+                second[j] += R[j, k] * (f[k] / 2.0 + Wf[k] / 6.0 + WWf[k] / 24.0)
         for j in range(3):
-            y[6 + j] += gain[j]
+            pull[j] = 1.5 * first[j] - 0.5 * earth[j]
+        _cross(earth[3:], pull, turn)
+        for j in range(3):
+            y[3 + j] += (y[6 + j] + (second[j] - turn[j] * dt / 3.0) * dt) * dt
+            y[6 + j] += (first[j] - turn[j] * dt) * dt
             y[12 + j] *= decay[1]
             if drifting:
                 y[drift_at + j] *= decay[0]
