@@ -72,6 +72,7 @@ def after(ins: Ins, x: State, steps: factors.inertial.Steps, earth: FloatArray) 
         # what is left is the centrifugal force, which the reference takes at the moving place
         (0.1, 1.0, 1e-6),
     ],
+    ids=["straight", "a vehicle", "a shaken hand", "a vehicle on the Earth"],
 )
 def test_seconds_of_motion_are_those_of_the_exact_reference(rate: float, earth_rate: float, tolerance: float) -> None:
     rng = np.random.default_rng(2)

@@ -129,6 +129,15 @@ def test_conditioning_never_loses_definiteness(seed: int, n: int, m: int, small:
     np.testing.assert_allclose(found.S_z @ found.S_z.T, Z.T @ Z + small**2 * np.eye(m), rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_whitening_keeps_the_side_of_an_innovation(seed: int) -> None:
+    """Whatever the signs that QR gives: a filter asks whether its innovations lie on one side."""
+    rng = np.random.default_rng(seed)
+    found = condition(rng.normal(size=(7, 3)), rng.normal(size=(7, 4)), 0.1 * np.eye(3))
+    assert (np.diag(found.S_z) > 0.0).all()
+    assert found.whiten(np.array([2.0, 0.0, 0.0]))[0] > 0.0
+
+
 def test_a_root_of_rows() -> None:
     rng = np.random.default_rng(1)
     rows = rng.normal(size=(9, 5))

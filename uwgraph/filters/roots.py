@@ -40,7 +40,10 @@ class Conditioned:
     """A unit normal vector u, conditioned on a measurement of which it makes part."""
 
     S_z: FloatArray
-    """Root of the covariance of the innovation, noise included, shape (m, m)."""
+    """Root of the covariance of the innovation, noise included, shape (m, m); its diagonal is positive.
+
+    QR alone leaves the signs to chance, and innovations on one side of zero would alternate when whitened.
+    """
     gain: FloatArray
     """E[u z^T] S_z^-T, shape (a, m): what u moves by for an innovation whitened by ``S_z``."""
     L: FloatArray
@@ -67,4 +70,5 @@ def condition(Z: FloatArray, U: FloatArray, S_R: FloatArray) -> Conditioned:
     A = np.zeros((max(rows + m, m + a), m + a))
     A[:rows, :m], A[:rows, m:], A[rows : rows + m, :m] = Z, U, S_R.T
     L = lower_root(A)
+    L[:, :m] *= np.copysign(1.0, L.diagonal()[:m])
     return Conditioned(L[:m, :m], L[m:, :m], L[m:, m:])
