@@ -90,6 +90,8 @@ def _batch(x: State) -> State:
 
 def _core(belief: Belief, n: int) -> Belief:
     """The first n numbers of the tangent alone: the body's rotation, and no other."""
+    if belief.x.size == n:
+        return belief
     return Belief(belief.t_ns, belief.x.core(n), np.ascontiguousarray(belief.S[:n, :n]))
 
 
@@ -100,12 +102,13 @@ def _joined(core: Belief, G: FloatArray, before: Belief) -> Belief:
     core any more goes to their own root.
     """
     n = core.x.size
+    if before.x.size == n:
+        return core
+    A, B = before.S[n:, :n], before.S[n:, n:]
+    left, Q = np.linalg.eigh(np.eye(n) - G @ G.T)
+    freed = A @ (Q * np.sqrt(np.maximum(left, 0.0)))
     S = np.zeros_like(before.S)
     S[:n, :n] = core.S
-    if len(S) > n:
-        A, B = before.S[n:, :n], before.S[n:, n:]
-        left, Q = np.linalg.eigh(np.eye(n) - G @ G.T)
-        freed = A @ (Q * np.sqrt(np.maximum(left, 0.0)))
-        S[n:, :n] = A @ G
-        S[n:, n:] = lower_root(np.concatenate([B.T, freed.T]))
+    S[n:, :n] = A @ G
+    S[n:, n:] = lower_root(np.concatenate([B.T, freed.T]))
     return replace(before, t_ns=core.t_ns, x=before.x.with_core(core.x), S=S)

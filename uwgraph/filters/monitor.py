@@ -1,15 +1,17 @@
 """What becomes of a measurement: used, refused, or a sign that the noise or the state is not what was believed.
 
-One monitor follows each kind of measurement. A filter that does not adapt only has the gate, and opens it where most of
-the recent measurements were refused: then the filter is wrong, not they. An adaptive one asks what it is: a jump of
-the state (innovations that lie on one side: the covariance is faded), a change of the noise (most of the recent ones
-are large: learnt from), or an outlier (a single one: refused).
+One monitor follows each kind of measurement. A measurement beyond the gate is refused as an outlier, as long as it is
+alone. Where most of the recent ones are beyond it, it is the filter that is wrong. Do their innovations lie on one
+side, the state is not where the filter believes: its covariance grows until they fit, and the next good measurement
+finds it. Are they on both sides, the noise has grown: a filter of fixed noise takes each as one of so much noise that
+it lies on the gate, and an adaptive one learns from it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from scipy.special import gammaincinv
@@ -30,10 +32,16 @@ from uwgraph.types import FloatArray
 
 RECENT = 16
 """Measurements whose majority decides whether the filter is wrong or the measurement."""
-JUMP = 4
-"""Innovations whose mean tells a jump."""
+JUMP = 8
+"""Innovations whose median tells a jump."""
+MAD = 1.4826
+"""Standard deviations in a median absolute deviation of a normal distribution."""
 See = Callable[[Belief], Seen]
 """A measurement's whitened residual over a belief."""
+LOST = 6.0
+"""Deviations of the innovations' median from which on a filter of fixed noise takes itself for lost."""
+FADING = 0.95
+"""Weight of the former innovations in their covariance, where nothing else is asked for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +49,8 @@ class Monitor:
     """What a filter knows of one kind of measurement."""
 
     noise: Noise
-    large: tuple[bool, ...] = ()
-    """Whether each of the recent ones was beyond the gate."""
+    excess: tuple[float, ...] = ()
+    """Squared Mahalanobis distances of the recent ones over the gate's."""
     innovations: tuple[FloatArray, ...] = ()
     """The last few, white where the filter is right."""
     V: FloatArray | None = None
@@ -52,7 +60,30 @@ class Monitor:
 
     @property
     def mostly_large(self) -> bool:
-        return 2 * sum(self.large) > max(len(self.large), RECENT // 2)
+        """Whether most of the recent ones were beyond the gate."""
+        return 2 * sum(x > 1.0 for x in self.excess) > max(len(self.excess), RECENT // 2)
+
+    def one_sided(self, sigmas: float) -> bool:
+        """Whether the median of the last innovations is further from zero than so many of their own deviations.
+
+        Medians, so that outliers among them change little; their own deviations, since noise that has grown is on both
+        sides, however large it is.
+        """
+        if len(self.innovations) < JUMP:
+            return False
+        last = np.array(self.innovations)
+        median = np.median(last, axis=0)
+        scatter = np.maximum(MAD * np.median(np.abs(last - median), axis=0), 1.0)
+        return bool((np.abs(median) / scatter).max() > sigmas)
+
+    def after(self, white: FloatArray, excess: float, rho: float) -> Monitor:
+        """With one more measurement."""
+        return replace(
+            self,
+            excess=(*self.excess, excess)[-RECENT:],
+            innovations=(*self.innovations, white)[-JUMP:],
+            V=innovation_covariance(self.V, white, rho),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,57 +122,56 @@ class Policy:
     def take(self, belief: Belief, see: See, monitor: Monitor | None, opens: bool = True) -> Taken:
         """Judge a measurement and use it; ``opens``: where most are refused the filter is to blame, not they."""
         seen = see(belief)
-        m = len(seen.mean)
-        monitor = monitor or Monitor(Noise.stated(m))
-        if self.adaptation is None or not opens:
-            return self._fixed(belief, seen, monitor, opens)
-        return self._adaptive(belief, see, seen, monitor, self.adaptation)
-
-    def _fixed(self, belief: Belief, seen: Seen, monitor: Monitor, opens: bool) -> Taken:
-        m = len(seen.mean)
-        believed = seen.with_noise(np.eye(m))
-        white = believed.whiten(seen.mean)
-        d2 = float(white @ white)
-        monitor = _remember(monitor, white, d2 > self.limit(self.gate, m))
-        accepted = d2 <= self.limit(self.gate, m) or (opens and monitor.mostly_large)
-        after = moved_by(belief, seen, believed) if accepted else belief
-        return Taken(after, monitor, seen.mean, d2 / m, accepted, np.ones(m))
-
-    def _adaptive(self, belief: Belief, see: See, seen: Seen, monitor: Monitor, how: Adaptation) -> Taken:
-        m, noise = len(seen.mean), monitor.noise
-        seen = replace(seen, mean=seen.mean - noise.r)
-        S_R = np.asarray(np.linalg.cholesky(noise.R))
+        monitor = monitor or Monitor(Noise.stated(len(seen.mean)))
+        how = self.adaptation if opens else None
+        seen = replace(seen, mean=seen.mean - monitor.noise.r)
+        S_R = np.asarray(np.linalg.cholesky(monitor.noise.R))
         believed = seen.with_noise(S_R)
         white = believed.whiten(seen.mean)
-        d2 = float(white @ white)
-        monitor = _remember(monitor, white, d2 > self.limit(self.gate, m))
-        monitor = replace(monitor, V=innovation_covariance(monitor.V, white, how.fading_memory))
+        d2, limit = float(white @ white), self.limit(self.gate, len(white))
+        monitor = monitor.after(white, d2 / limit, FADING if how is None else how.fading_memory)
+        judged = partial(
+            Taken,
+            whitened=seen.mean,
+            nis=d2 / len(white),
+            noise=np.sqrt(monitor.noise.R.diagonal()),
+        )
+        grown = self._growth(seen, believed, monitor, how) if opens else 1.0
+        if grown > 1.0:
+            return self._found_again(belief.grown(grown), see, monitor, judged, grown)
+        if d2 > limit and not (opens and monitor.mostly_large):
+            return judged(belief, monitor, accepted=False)
+        bounded = believed if d2 <= limit else seen.with_noise(np.sqrt(d2 / limit) * S_R)
+        after = moved_by(belief, seen, bounded)
+        if how is not None:
+            monitor = self._learn(monitor, seen, see(after), how)
+        return judged(after, monitor, accepted=True)
 
-        def taken(after: Belief, monitor: Monitor, accepted: bool, fading: float = 1.0) -> Taken:
-            return Taken(after, monitor, seen.mean, d2 / m, accepted, np.sqrt(noise.R.diagonal()), fading)
+    def _found_again(
+        self, grown: Belief, see: See, monitor: Monitor, judged: Callable[..., Taken], fading: float
+    ) -> Taken:
+        """A state that was not where it was believed to be, with the measurement where it passes the gate now."""
+        seen = see(grown)
+        seen = replace(seen, mean=seen.mean - monitor.noise.r)
+        believed = seen.with_noise(np.asarray(np.linalg.cholesky(monitor.noise.R)))
+        white = believed.whiten(seen.mean)
+        accepted = float(white @ white) <= self.limit(self.gate, len(white))
+        after = moved_by(grown, seen, believed) if accepted else grown
+        return judged(after, monitor, accepted=accepted, fading=fading)
 
-        if self._diverged(white, seen, believed, monitor, how):
-            fading = self._fading(seen, believed, monitor, how)
-            faded = belief.grown(fading)
-            again = see(faded)
-            return taken(moved_by(faded, again, again.with_noise(S_R)), monitor, True, fading)
-        if d2 > self.limit(self.gate, m) and not monitor.mostly_large:
-            return taken(belief, monitor, False)
-        after = moved_by(belief, seen, believed)
-        return taken(after, self._learn(monitor, seen, see(after), how), True)
-
-    def _diverged(
-        self, white: FloatArray, seen: Seen, believed: Conditioned, monitor: Monitor, how: Adaptation
-    ) -> bool:
-        """Whether the prediction, not the noise, is to blame."""
-        m, d2 = len(white), float(white @ white)
+    def _growth(self, seen: Seen, believed: Conditioned, monitor: Monitor, how: Adaptation | None) -> float:
+        """What the covariance is to be multiplied by, because the prediction and not the noise is to blame."""
+        m = len(seen.mean)
+        if how is None:
+            lost = monitor.mostly_large and monitor.one_sided(LOST)
+            return self.limit(self.gate, m) * float(np.median(monitor.excess)) if lost else 1.0
         if how.convergence == "document":
             P_zz = believed.S_z @ believed.S_z.T
-            return bool(seen.mean @ seen.mean > how.document_S * np.trace(P_zz))
-        if d2 <= self.limit(how.divergence, m) or len(monitor.innovations) < JUMP:
-            return False
-        mean = np.mean(monitor.innovations, axis=0)
-        return bool(np.abs(mean).max() * np.sqrt(JUMP) > how.jump)
+            diverged = seen.mean @ seen.mean > how.document_S * np.trace(P_zz)
+        else:
+            large = monitor.excess[-1] * self.limit(self.gate, m) > self.limit(how.divergence, m)
+            diverged = large and monitor.one_sided(how.jump)
+        return self._fading(seen, believed, monitor, how) if diverged else 1.0
 
     def _fading(self, seen: Seen, believed: Conditioned, monitor: Monitor, how: Adaptation) -> float:
         assert monitor.V is not None
@@ -158,11 +188,3 @@ class Policy:
         if learnt is None:
             return replace(monitor, nonpositive=monitor.nonpositive + 1)
         return replace(monitor, noise=learnt)
-
-
-def _remember(monitor: Monitor, white: FloatArray, large: bool) -> Monitor:
-    return replace(
-        monitor,
-        large=(*monitor.large, large)[-RECENT:],
-        innovations=(*monitor.innovations, white)[-JUMP:],
-    )

@@ -35,8 +35,8 @@ class Adaptation(Settings):
     """S of the document's criterion."""
     divergence: Quantile = 0.999
     """Share of good measurements that the chi-square criterion takes for good."""
-    jump: Positive = 4.5
-    """Sigmas of the mean of the last four innovations from which on the state has jumped, not the noise grown."""
+    jump: Positive = 6.0
+    """Median of the last eight innovations, in their own deviations, from which on the state has jumped."""
     fading_memory: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.95
     """rho: weight of the former innovations in their covariance."""
     most_fading: Annotated[float, Field(ge=1.0)] = 10.0

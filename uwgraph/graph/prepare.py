@@ -16,6 +16,7 @@ from uwgraph.dive import Dive
 from uwgraph.dive.checks.presence import too_slow
 from uwgraph.errors import DataError
 from uwgraph.frames import earth_rate_n
+from uwgraph.graph.pings import contradicted
 from uwgraph.graph.rest import Rest, bias_at_start, rest_at_start
 from uwgraph.types import (
     NOT_MEASURED,
@@ -99,6 +100,8 @@ class Prepared:
     """Verified steps only."""
     closures: RelativePoses | None = None
     """All of them, also those beyond the IMU's span."""
+    refused_pings: int = 0
+    """Doppler pings left out, since they contradict their neighbours."""
 
     @property
     def origin(self) -> Origin:
@@ -125,7 +128,7 @@ def prepare(dive: Dive) -> Prepared:
     rig = dive.rig
     raw = body_imu(dive.imu, rig.imu.R_bs, rig.imu.time_offset_ns)
     span = (raw.t_ns[0], raw.t_ns[-1])
-    dvl = _body_dvl(dive, span)
+    dvl, refused = _without_contradicted(_body_dvl(dive, span), raw, rig.dvl.l_b)
     odometry = _verified(_seen(dive.odometry, rig.visual.time_offset_ns))
     rest = _rest(raw, dvl, odometry, rig.imu.gyro_bias_sigma)
     imu = replace(raw, w_b=raw.w_b - rest.bias_gyro)
@@ -141,6 +144,7 @@ def prepare(dive: Dive) -> Prepared:
         reference=_inside(_shifted(dive.reference, rig.reference.time_offset_ns), span),
         odometry=odometry,
         closures=_seen(dive.closures, rig.visual.time_offset_ns),
+        refused_pings=refused,
     )
 
 
@@ -182,6 +186,18 @@ def _body_dvl(dive: Dive, span: tuple[int, int]) -> BodyDvl | None:
     cov_s = np.where(np.isfinite(cov_s).all(axis=(1, 2), keepdims=True), cov_s, rig.sigma**2 * np.eye(3))
     R = rig.R_bs
     return BodyDvl(t[keep], rig.scale * dive.dvl.v_s[keep] @ R.T, rig.scale**2 * R @ cov_s @ R.T)
+
+
+def _without_contradicted(dvl: BodyDvl | None, imu: BodyImu, l_b: FloatArray) -> tuple[BodyDvl | None, int]:
+    """The pings that agree with their neighbours, and how many do not."""
+    if dvl is None:
+        return None, 0
+    velocity = np.column_stack([np.interp(dvl.t_ns - imu.t_ns[0], imu.t_ns - imu.t_ns[0], v) for v in imu.velocity.T])
+    k = np.clip(np.searchsorted(imu.t_ns, dvl.t_ns) - 1, 0, len(imu.w_b) - 1)
+    v_b = dvl.v_b - np.cross(imu.w_b[k], l_b)
+    u_g = (imu.rotation_at(dvl.t_ns) @ v_b[:, :, None])[..., 0] - velocity
+    wrong = contradicted(dvl.t_ns, u_g, np.sqrt(np.diagonal(dvl.cov_b, axis1=1, axis2=2).max(axis=1)))
+    return BodyDvl(dvl.t_ns[~wrong], dvl.v_b[~wrong], dvl.cov_b[~wrong]), int(wrong.sum())
 
 
 def _shifted(stream: S | None, offset_ns: int) -> S | None:

@@ -264,6 +264,7 @@ def _info(found: Smoothed, seconds: float) -> Mapping[str, Any]:
         "runtime_s": seconds,
         "keyframes": len(found.problem.keyframes),
         "factors": dict(found.problem.counts),
+        "dvl_pings_refused": found.prepared.refused_pings,
         **({} if verdicts is None else {"closures": dict(Counter(verdicts.reason.tolist()))}),
         "initial": found.initial.source,
         "converged": solved.converged,
