@@ -69,13 +69,11 @@ class Inputs(Stream):
             raise DataError("stamps do not increase", where="inputs", remedy="sort the samples and leave out doubles")
 
 
-def levelled(v_b: FloatArray, w_b: FloatArray, R_nb: FloatArray) -> FloatArray:
-    """Inputs of velocities and rates in body axes, shape (N, 3) each, at attitudes (N, 3, 3): shape (N, 4)."""
-    roll, pitch, heading = rph_from_matrix(R_nb).T
-    v_n = np.einsum("nij,nj->ni", R_nb, v_b)
-    c, s = np.cos(heading), np.sin(heading)
-    rate = (w_b[:, 1] * np.sin(roll) + w_b[:, 2] * np.cos(roll)) / np.cos(pitch)
-    return np.column_stack([c * v_n[:, 0] + s * v_n[:, 1], c * v_n[:, 1] - s * v_n[:, 0], v_n[:, 2], rate])
+def levelled(v_b: FloatArray, R_nb: FloatArray) -> FloatArray:
+    """Velocities in body axes, shape (N, 3), along forward, starboard and down of the levelled vehicle."""
+    v_n: FloatArray = np.einsum("nij,nj->ni", R_nb, v_b)
+    v_n[:, 0], v_n[:, 1] = turned(-rph_from_matrix(R_nb)[:, 2], v_n[:, 0], v_n[:, 1])
+    return v_n
 
 
 def turned(psi: ArrayLike, x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
