@@ -183,7 +183,9 @@ class Policy:
         noise = monitor.noise
         d = fading_weight(noise.count + 1, how.memory, how.start)
         if how.noise == "residual":
-            return replace(monitor, noise=residual_noise(noise, after.mean - noise.r, after.spread, d, how.cap))
+            # the spread afterwards by the linear formula: what wide sigma points see of second order is no noise
+            spread = noise.R @ np.linalg.solve(before.spread + noise.R, before.spread)
+            return replace(monitor, noise=residual_noise(noise, after.mean - noise.r, spread, d, how.cap))
         learnt = unbiased_noise(noise, before.mean, before.spread, d)
         if learnt is None:
             return replace(monitor, nonpositive=monitor.nonpositive + 1)
