@@ -13,12 +13,13 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from uwgraph.types import BoolArray, FloatArray, TimeArray
 
-NEIGHBOURS = 15
+NEIGHBOURS = 21
 """Pings whose line tells; odd."""
 SIGMAS = 6.0
 """Distance from the line beyond which a ping is wrong."""
 MAD = 1.4826
 """Standard deviations in a median absolute deviation of a normal distribution."""
+CHUNK = 1024
 LONGEST_S = 30.0
 """Over a longer time the line is no line: biases and the Earth bend it."""
 
@@ -42,18 +43,37 @@ def contradicted(t_ns: TimeArray, u_g: FloatArray, sigma: FloatArray) -> BoolArr
     t = (t_ns - t_ns[0]) * 1e-9
     first = np.clip(np.arange(N) - NEIGHBOURS // 2, 0, N - NEIGHBOURS)
     times = sliding_window_view(t, NEIGHBOURS)[first]
-    velocities = np.swapaxes(sliding_window_view(u_g, NEIGHBOURS, axis=0)[first], 1, 2)
-    distance = u_g - _median_line(times, velocities, t)
+    velocities = sliding_window_view(u_g, NEIGHBOURS, axis=0)[first]
+    distance = u_g - _mean_line(times - t[:, None], velocities)
+    # lines by least squares are quick, and where no ping is far from one there is none that bends it
+    doubtful = np.convolve(_far(distance, sigma, 0.5 * SIGMAS), np.ones(2 * NEIGHBOURS - 1), "same") > 0
+    k = np.flatnonzero(doubtful)
+    for part in np.array_split(k, max(1, len(k) // CHUNK)):
+        distance[part] = u_g[part] - _median_line(times[part] - t[part, None], velocities[part])
+    return np.asarray(_far(distance, sigma, SIGMAS) & (times[:, -1] - times[:, 0] <= LONGEST_S))
+
+
+def _far(distance: FloatArray, sigma: FloatArray, sigmas: float) -> BoolArray:
+    """Where a distance, shape (N, 3), is larger than so many of the stated or of the usual deviations, shape (N,)."""
     scatter = MAD * np.median(np.abs(distance), axis=0)
-    far = np.any(np.abs(distance) > SIGMAS * np.maximum(sigma[:, None], scatter), axis=1)
-    return np.asarray(far & (times[:, -1] - times[:, 0] <= LONGEST_S))
+    return np.asarray(np.any(np.abs(distance) > sigmas * np.maximum(sigma[:, None], scatter), axis=1))
 
 
-def _median_line(t: FloatArray, v: FloatArray, at: FloatArray) -> FloatArray:
-    """The line through each window by Theil and Sen, shape (N, 3), at the times ``at``: half of it may be wrong.
+def _mean_line(t: FloatArray, v: FloatArray) -> FloatArray:
+    """The line through each window by least squares at time zero, shape (N, 3); ``t`` (N, w), ``v`` (N, 3, w)."""
+    centre = t.mean(axis=1, keepdims=True)
+    weight = 1.0 / t.shape[1] - centre * (t - centre) / np.sum((t - centre) ** 2, axis=1, keepdims=True)
+    return np.asarray(np.einsum("nw,niw->ni", weight, v))
 
-    ``t`` has shape (N, w), ``v`` (N, w, 3).
+
+def _median_line(t: FloatArray, v: FloatArray) -> FloatArray:
+    """The line through each window by repeated medians at time zero, shape (N, 3): nearly half of it may be wrong.
+
+    ``t`` has shape (N, w), ``v`` (N, 3, w). Siegel, "Robust regression using repeated medians", 1982.
     """
-    i, j = np.triu_indices(t.shape[1], k=t.shape[1] // 2)
-    slope = np.median((v[:, j] - v[:, i]) / (t[:, j] - t[:, i])[..., None], axis=1)
-    return np.asarray(np.median(v - slope[:, None] * (t - at[:, None])[..., None], axis=1))
+    off = ~np.eye(t.shape[1], dtype=np.bool_)
+    w = t.shape[1]
+    dt = (t[:, None, :] - t[:, :, None])[:, off].reshape(len(t), 1, w, w - 1)
+    dv = (v[:, :, None, :] - v[:, :, :, None])[:, :, off].reshape(len(t), 3, w, w - 1)
+    slope = np.median(np.median(dv / dt, axis=3), axis=2)
+    return np.asarray(np.median(v - slope[:, :, None] * t[:, None, :], axis=2))
