@@ -8,9 +8,8 @@ wrong: no new node, for it would be a duplicate in the second case, and no updat
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import Annotated, Literal
 
 import numpy as np
@@ -127,6 +126,18 @@ class Places:
     size: int = 0
     """Numbers of a node, 3 or 4; 0 before the first."""
 
+    def check(self, sighting: Sighting) -> None:
+        """Raise :class:`DataError` for a sighting that cannot be compared with the nodes."""
+        if not self.nodes:
+            return
+        known, found = (self.size, len(self.nodes[0].descriptor)), (len(sighting.relative), len(sighting.descriptor))
+        if known != found:
+            raise DataError(
+                f"{found[0]} numbers and a descriptor of {found[1]}, where other places have {known[0]} and {known[1]}",
+                where=f"sighting at {sighting.t_ns}",
+                remedy="give all places a heading or none, and descriptors of one model",
+            )
+
     def at(self, k: int) -> Index:
         """Where the k-th node stands in the tangent."""
         first = self.belief.x.size - self.size * (len(self.nodes) - k)
@@ -188,11 +199,12 @@ class Places:
         """With the k-th node's record replaced."""
         return replace(self, nodes=(*self.nodes[:k], node, *self.nodes[k + 1 :]))
 
-    def alike(self, descriptor: FloatArray, gate: float) -> Iterator[int]:
+    def alike(self, descriptor: FloatArray, gate: float) -> list[int]:
         """Nodes whose descriptors are of one place with this one."""
-        for k, node in enumerate(self.nodes):
-            if float(np.sum((node.descriptor - descriptor) ** 2)) <= gate:
-                yield k
+        if not self.nodes:
+            return []
+        off = np.array([node.descriptor for node in self.nodes]) - descriptor
+        return [int(k) for k in np.flatnonzero(np.sum(off**2, axis=1) <= gate)]
 
 
 @dataclass(frozen=True)
@@ -216,12 +228,12 @@ def associate(
     R
         Covariance of the sighting's noise as the filter believes it, in units of the stated, shape (m, m).
     """
-    alike = list(places.alike(sighting.descriptor, settings.descriptor_gate))
+    alike = places.alike(sighting.descriptor, settings.descriptor_gate)
     if not alike:
         return Association("new")
     d2 = np.array([_mahalanobis2(places, sighting, k, R, spread) for k in alike])
     order = np.argsort(d2)
-    fits = d2[order] <= chi2.ppf(settings.gate, len(sighting.relative))
+    fits = d2[order] <= _limit(settings.gate, len(sighting.relative))
     near = tuple(alike[k] for k in order)
     if not fits.any():
         blind = np.isinf(settings.descriptor_gate)
@@ -230,6 +242,12 @@ def associate(
     if len(fitting) > 1 and d2[order[1]] - d2[order[0]] < 2.0 * np.log(settings.odds):
         return Association("ambiguous", fitting, float(d2[order[0]]))
     return Association("known", fitting, float(d2[order[0]]))
+
+
+@cache
+def _limit(share: float, m: int) -> float:
+    """Quantile of chi-square with m degrees of freedom."""
+    return float(chi2.ppf(share, m))
 
 
 def _mahalanobis2(places: Places, sighting: Sighting, k: int, R: FloatArray, spread: Spread) -> float:
@@ -253,7 +271,7 @@ def fused(places: Places, j: int, k: int, settings: PlaceSettings, spread: Sprea
     white = same.whiten(seen.mean)
     sigma = float(np.sqrt(np.linalg.eigvalsh(seen.spread[:3, :3])[-1]))
     known_close = sigma <= settings.radius_m and np.linalg.norm(seen.mean[POSITION]) <= 3.0 * settings.radius_m
-    if not known_close or white @ white > chi2.ppf(settings.gate, m):
+    if not known_close or white @ white > _limit(settings.gate, m):
         return None
     both = replace(places, belief=part.lowered(moved_by(belief, seen, same)))
     joined = places.nodes[j].joined(places.nodes[k])

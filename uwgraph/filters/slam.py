@@ -15,8 +15,8 @@ import numpy as np
 from uwgraph.dive.rig import Settings
 from uwgraph.errors import DataError
 from uwgraph.filters import part
-from uwgraph.filters.kinematic import VEHICLE, Direct, InputNoise, Inputs, Kinematic
-from uwgraph.filters.monitor import Monitor, Policy, Taken
+from uwgraph.filters.kinematic import PSI, VEHICLE, Direct, InputNoise, Inputs, Kinematic
+from uwgraph.filters.monitor import Monitor, Policy
 from uwgraph.filters.place_nodes import Association, Places, PlaceSettings, Sighting, Verdict, associate, fused
 from uwgraph.filters.settings import Adaptation, SigmaPoints
 from uwgraph.filters.state import Belief, Index
@@ -71,6 +71,19 @@ class Sighted:
 
 
 @dataclass(frozen=True, eq=False)
+class Judged:
+    """What the filter made of a measurement: a row of :class:`uwgraph.types.Innovations`."""
+
+    t_ns: int
+    kind: str
+    whitened: FloatArray
+    nis: float
+    accepted: bool
+    noise: FloatArray
+    fading: float
+
+
+@dataclass(frozen=True, eq=False)
 class SlamResult:
     """Where the vehicle was, and the places."""
 
@@ -84,8 +97,8 @@ class SlamResult:
     """The map in the end."""
     sighted: tuple[Sighted, ...]
     """Every sighting."""
-    history: tuple[tuple[Measurement, Taken], ...]
-    """Every measurement that was judged, and how."""
+    judged: tuple[Judged, ...]
+    """Every measurement that the filter was shown."""
 
 
 class Slam:
@@ -111,7 +124,7 @@ class Slam:
         learnt = self.settings.adaptation if learns in ("sensors", "both") else None
         self._policy = Policy(self.settings.gate, learnt)
         self._spread = Spread(**self.settings.sigma_points.model_dump())
-        self._monitors: dict[str, Monitor] = {}
+        self._monitors: dict[tuple[str, int], Monitor] = {}
         self.system = System(self.settings.inputs.root)
         """What is believed of the inputs' noise."""
         self.places = Places(first)
@@ -121,16 +134,17 @@ class Slam:
         self._before: Belief | None = None
         self._epoch_ns = first.t_ns
         self.sighted: list[Sighted] = []
-        self.history: list[tuple[Measurement, Taken]] = []
+        self.judged: list[Judged] = []
 
     @property
     def belief(self) -> Belief:
         """About the vehicle (position, heading, biases), then the nodes."""
         return self.places.belief
 
-    def noise(self, kind: str) -> FloatArray | None:
-        """Covariance believed of a kind of measurement in units of the stated sigmas; None before the first."""
-        return self._monitors[kind].noise.R if kind in self._monitors else None
+    def noise(self, kind: str, m: int) -> FloatArray:
+        """Covariance believed of measurements of a kind and of m numbers, in units of the stated one, shape (m, m)."""
+        monitor = self._monitors.get((kind, m))
+        return np.eye(m) if monitor is None else monitor.noise.R
 
     def nodes(self) -> tuple[MapNode, ...]:
         """The map."""
@@ -149,7 +163,7 @@ class Slam:
             return
         self._close_epoch()
         u = u + self.system.mean
-        rows = self._model.noise_rows(float(belief.x.y[3]), dt, u, self.system.root)
+        rows = self._model.noise_rows(float(belief.x.y[PSI]), dt, u, self.system.root)
         rows = np.pad(rows, ((0, 0), (0, belief.x.size - rows.shape[1])))
         moved = part.predict(belief, t_ns, self._model.size, lambda x: self._model.move(x, dt, u), rows, self._spread)
         self.places = replace(self.places, belief=moved)
@@ -180,23 +194,20 @@ class Slam:
             self.advance(t_ns, u)
             S = self.belief.S[:VEHICLE]
             y[k], cov[k] = self.belief.x.y[:VEHICLE], S @ S.T
-        return SlamResult(inputs.t_ns, y, cov, self.nodes(), tuple(self.sighted), tuple(self.history))
+        return SlamResult(inputs.t_ns, y, cov, self.nodes(), tuple(self.sighted), tuple(self.judged))
 
     def _use(self, measured: Measurement, at: Index, residual: Residual) -> bool:
         see = part.sight(residual, len(at), self._spread)
-        taken = self._policy.take(part.facing(self.belief, at), see, self._monitors.get(measured.kind))
+        key = (measured.kind, len(measured.cov))
+        taken = self._policy.take(part.facing(self.belief, at), see, self._monitors.get(key))
         self.places = replace(self.places, belief=part.lowered(taken.belief))
-        self._monitors[measured.kind] = taken.monitor
-        self.history.append((measured, taken))
+        self._monitors[key] = taken.monitor
+        row = Judged(measured.t_ns, measured.kind, taken.whitened, taken.nis, taken.accepted, taken.noise, taken.fading)
+        self.judged.append(row)
         return taken.accepted
 
     def _sight(self, sighting: Sighting) -> None:
-        if self.places.nodes and len(sighting.relative) != self.places.size:
-            raise DataError(
-                f"a place of {len(sighting.relative)} numbers among those of {self.places.size}",
-                where=f"sighting at {sighting.t_ns}",
-                remedy="give all places a heading, or none",
-            )
+        self.places.check(sighting)
         found = self._associate(sighting)
         if found.verdict == "ambiguous" and self._fuse(*found.nodes[:2]):
             found = self._associate(sighting)
@@ -210,8 +221,7 @@ class Slam:
             self._fuse_neighbours(label)
 
     def _associate(self, sighting: Sighting) -> Association:
-        noise = self.noise(sighting.kind)
-        R = np.eye(len(sighting.relative)) if noise is None else noise
+        R = self.noise(sighting.kind, len(sighting.relative))
         return associate(self.places, sighting, R, self.settings.places, self._spread)
 
     def _believable(self, sighting: Sighting, found: Association) -> bool:
@@ -238,14 +248,15 @@ class Slam:
 
     def _learn_from_miss(self, sighting: Sighting, k: int) -> None:
         """The noise statistics with a sighting that is not used, by its innovation."""
-        how, monitor = self._policy.adaptation, self._monitors.get(sighting.kind)
+        key = (sighting.kind, len(sighting.relative))
+        how, monitor = self._policy.adaptation, self._monitors.get(key)
         if how is None or monitor is None:
             return
         seen = self.places.seen(sighting, k, self._spread)
         d = fading_weight(monitor.noise.count + 1, how.memory, how.start)
         learnt = unbiased_noise(monitor.noise, seen.mean - monitor.noise.r, seen.spread, d)
         if learnt is not None:
-            self._monitors[sighting.kind] = replace(monitor, noise=learnt)
+            self._monitors[key] = replace(monitor, noise=learnt)
 
     def _append(self, sighting: Sighting) -> int:
         label, self._labels = self._labels, self._labels + 1
@@ -286,4 +297,3 @@ class Slam:
             how, mean = self.settings.adaptation, self.settings.system_mean
             self.system = self.system.learnt(before, self.belief, elapsed, how, mean)
             self._epoch_ns = before.t_ns
-
