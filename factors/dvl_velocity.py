@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import gtsam
 import numpy as np
 
-from factors.adapter import ArrayMeasurement, Loss, Poses
+from factors.adapter import ArrayMeasurement, Poses
 from factors.lie import FloatArray, skew
 from factors.noise import gaussian, sqrt_information_of_covariance
 
@@ -56,10 +55,6 @@ class DvlVelocity(ArrayMeasurement):
 
     def noise(self) -> gtsam.noiseModel.Gaussian:
         return gaussian(sqrt_information_of_covariance(self.cov_b))
-
-    def lowered(self, keys: Sequence[int], loss: Loss | None = None) -> gtsam.NonlinearFactor:
-        """The reference itself: no native factor equals it."""
-        return self.reference(keys, loss)
 
     def _velocity(self, poses: Poses, v_n: FloatArray, bias: FloatArray) -> FloatArray:
         """u, shape (M, 3)."""
