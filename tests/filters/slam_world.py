@@ -14,13 +14,11 @@ from uwgraph.types import FloatArray
 
 SECOND = 1_000_000_000
 START_SIGMA = np.array([0.1, 0.1, 0.1, np.radians(0.5)])
-INPUT_NOISE = InputNoise(
-    velocity_density=0.05, rate_density=1e-3, velocity_bias_sigma=0.03, rate_bias_sigma=3e-4, velocity_bias_walk=1e-6
-)
+INPUT_NOISE = InputNoise(velocity_density=0.07, rate_density=1.5e-3, velocity_bias_sigma=0.06, rate_bias_sigma=6e-4)
 PLACE_SIGMA, RANGE = 0.3, 7.0
 DESCRIPTOR_SIZE, DESCRIPTOR_SIGMA = 32, 0.05
 SUN_SIGMA, DEPTH_SIGMA = np.radians(3.0), 0.1
-LAP_S = 340
+LAP_S = 170
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,14 +38,12 @@ class World:
 
 
 def patrol(seconds: int) -> FloatArray:
-    """Poses every second along a lawn mower of 4 lines of 60 m that closes, at about 1 m/s, shape (K, 4)."""
+    """Poses every second along a lawn mower of 4 lines of 60 m that closes, at about 2 m/s, shape (K, 4)."""
     corners = np.array([[0, 0], [60, 0], [60, 14], [0, 14], [0, 28], [60, 28], [60, 42], [0, 42], [0, 0]], dtype=float)
     way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))]
     t = np.arange(-10, seconds + 11) * way[-1] / LAP_S
     sharp = np.column_stack([np.interp(t % way[-1], way, corners[:, k]) for k in range(2)])
-    round_ = np.column_stack(
-        [np.convolve(sharp[:, k], np.hanning(11) / np.hanning(11).sum(), "same") for k in range(2)]
-    )
+    round_ = np.column_stack([np.convolve(sharp[:, k], np.hanning(7) / np.hanning(7).sum(), "same") for k in range(2)])
     psi = np.unwrap(np.arctan2(*np.gradient(round_, axis=0).T[::-1]))
     down = 20.0 + 2.0 * np.sin(0.05 * t)
     return np.column_stack([round_, down, psi])[10:-10]
@@ -97,7 +93,7 @@ def world(
             direct.append(depth(t, pose[2] + rng.normal(0.0, DEPTH_SIGMA), DEPTH_SIGMA))
         near = np.flatnonzero(np.linalg.norm(places[:, :2] - pose[:2], axis=1) < RANGE)
         sigma = PLACE_SIGMA * (3.0 if step_at is not None and second >= step_at else 1.0)
-        for k in near if second % 3 == 0 else []:
+        for k in near if second % 2 == 0 else []:
             state = np.concatenate([pose, places[k]])[None]
             z = relative(state, np.arange(4, 7))[0] + rng.normal(0.0, sigma, 3)
             look = looks[k] + rng.normal(0.0, descriptor_sigma, DESCRIPTOR_SIZE)

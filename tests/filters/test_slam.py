@@ -103,7 +103,7 @@ def test_both_gates_make_no_false_association_where_one_does():
     assert sum(r.false for r in by_look) >= 10
     assert rms([r.rmse() for r in by_look]) > 3.0 * rms([r.rmse() for r in both[:5]])
     # places alone: what lies close to another place waits for the filter to be sure, and becomes two nodes
-    by_place = [run(w, ADAPTIVE.model_copy(update={"places": PlaceSettings(descriptor_gate=np.inf)})) for w in some]
+    by_place = [run(w, ADAPTIVE.model_copy(update={"places": PlaceSettings(descriptor_gate=np.inf)})) for w in some[:2]]
     assert sum(r.duplicates for r in by_place) > 0
 
 
@@ -134,13 +134,13 @@ def test_duplicates_are_fused():
 def test_a_filter_that_was_carried_off_finds_back():
     """The log misses 16 m to the side: three places agree where the vehicle is, and the filter believes them."""
     for seed in (0, 1):
-        made = world(seed, 2 * LAP_S)
+        made = world(seed, 5 * LAP_S // 2)
         u, off = made.inputs.u.copy(), LAP_S + 30
         u[off : off + 4, 1] += 4.0
         carried = run(replace(made, inputs=replace(made.inputs, u=u)))
         horizontal = np.linalg.norm(carried.errors[:, :2], axis=1)
         assert horizontal[off + 5] > 14.0
-        assert np.all(horizontal[off + 150 :] < 3.0)
+        assert np.all(horizontal[off + 120 :] < 3.0)
 
 
 def test_a_place_that_looks_like_another_moves_nothing_however_long_it_is_in_view():
@@ -170,7 +170,7 @@ def test_the_map_has_no_more_nodes_than_allowed_and_keeps_those_seen_again():
 def test_places_with_headings_correct_the_heading():
     noise = InputNoise(rate_density=5e-3)
     truth = patrol(LAP_S)
-    inputs = Inputs(np.arange(1, LAP_S + 1) * SECOND, inputs_between(truth) + 4e-4 * np.eye(4)[3])
+    inputs = Inputs(np.arange(1, LAP_S + 1) * SECOND, inputs_between(truth) + 8e-4 * np.eye(4)[3])
     start = Kinematic(noise).start(0, truth[0, :3], float(truth[0, 3]), 1e-4 * np.eye(4))
     slam, cov = Slam(start, SlamSettings(inputs=noise)), np.diag([0.1, 0.1, 0.1, 0.02]) ** 2
     sightings = []
@@ -189,9 +189,9 @@ def test_places_with_headings_correct_the_heading():
 
 def system_run(settings: SlamSettings, seed: int, missing: float = 0.0) -> tuple[float, Slam]:
     """Error late in a run [m] whose inputs' noise is 0.1 m/s, with fixes and headings every second."""
-    rng, truth = np.random.default_rng(seed), patrol(700)
-    stamps = np.arange(1, 701) * SECOND
-    white = rng.normal(0.0, [0.1, 0.1, 0.1, 1e-3], (700, 4))
+    rng, truth = np.random.default_rng(seed), patrol(500)
+    stamps = np.arange(1, 501) * SECOND
+    white = rng.normal(0.0, [0.1, 0.1, 0.1, 1e-3], (500, 4))
     u = inputs_between(truth) + white - [missing, 0.0, 0.0, 0.0]
     measured = [
         m
@@ -202,7 +202,7 @@ def system_run(settings: SlamSettings, seed: int, missing: float = 0.0) -> tuple
         )
     ]
     slam = Slam(Kinematic(settings.inputs).start(0, truth[0, :3], float(truth[0, 3]), 1e-2 * np.eye(4)), settings)
-    off = (slam.run(Inputs(stamps, u), measured).y - truth[1:])[350:, :2]
+    off = (slam.run(Inputs(stamps, u), measured).y - truth[1:])[250:, :2]
     return float(np.sqrt(np.mean(np.sum(off**2, axis=1)))), slam
 
 
