@@ -141,3 +141,24 @@ def test_places_and_map(tmp_path: Path) -> None:
     assert rows["with images"] < 0.3
     assert rows["without"] > 10.0 * rows["with images"]
     assert list((tmp_path / "map").glob("*.ply"))
+
+
+@pytest.mark.slow
+def test_filter_or_smoother(tmp_path: Path) -> None:
+    done = run("11_filter_or_smoother.py", 300, tmp_path)
+    assert done.returncode == 0, done.stderr
+    rows = {line.split()[0]: line.split()[1:] for line in done.stdout.splitlines()[1:6]}
+    assert rows.keys() == {"dr", "eskf", "ukf", "aukf", "smooth"}
+    heading = {name: float(row[2]) for name, row in rows.items()}
+    assert heading["smooth"] < 0.5 * min(heading["eskf"], heading["ukf"], heading["aukf"])
+    assert (tmp_path / "compared" / "report.html").stat().st_size > 50_000
+
+
+@pytest.mark.slow
+def test_own_sensor() -> None:
+    done = run("12_own_sensor.py")
+    assert done.returncode == 0, done.stderr
+    rmse = [float(line.split()[-2]) for line in done.stdout.splitlines()]
+    assert len(rmse) == 6
+    for without, with_ranges in zip(rmse[::2], rmse[1::2], strict=True):
+        assert with_ranges < 0.6 * without
