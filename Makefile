@@ -6,7 +6,7 @@ PYTHON := $(firstword $(shell for p in python3.14 python3.13 python3.12 python3.
             $$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p; done))
 READY  := $(VENV)/.ready
 
-.PHONY: demo test lint bench setup libusb clean
+.PHONY: demo test lint bench setup libusb chromium clean
 
 demo: setup
 	$(BIN)/uwgraph demo -o demo-output
@@ -40,11 +40,15 @@ bench: setup
 	$(BENCH)/geolocation.py
 	$(BENCH)/lmnn.py
 	$(BENCH)/closures.py --seeds 4
+	$(BENCH)/filter_speed.py
+	$(BENCH)/noise_step.py --runs 10
+	$(BENCH)/filter_or_smoother.py --seeds 4
 	test ! -d $(DATA)/seafloor_photos || $(BENCH)/seafloor_map.py --photos $(DATA)/seafloor_photos
 	test ! -d $(DATA)/subvo || $(BENCH)/retrieval.py --frames $(DATA)/subvo
 	test ! -d $(DATA)/subvo || $(BENCH)/visual_odometry.py --pool $(DATA)/subvo
 	@test -d $(DATA) || echo "no recordings in $(DATA): name their folder with DATA=..."
 	test ! -d $(DATA)/snapir || $(BENCH)/snapir.py $(DATA)/snapir
+	test ! -d $(DATA)/snapir || $(BENCH)/filters_snapir.py $(DATA)/snapir
 	test ! -d $(DATA)/snapir || $(BENCH)/calibration_snapir.py $(DATA)/snapir
 	test ! -d $(DATA)/snapir || $(BENCH)/sun_value.py $(DATA)/snapir
 	test ! -d $(DATA)/snapir || $(BENCH)/sun_images.py $(DATA)/snapir
@@ -58,7 +62,7 @@ $(READY): pyproject.toml
 	@test -n "$(PYTHON)" || { echo "uwgraph needs Python 3.11 or newer, and there is none on PATH" >&2; exit 1; }
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
-	@$(MAKE) --no-print-directory libusb
+	@$(MAKE) --no-print-directory libusb chromium
 	@touch $@
 
 # open3d loads the system's libusb-1.0 when it is imported, and its wheel does not bring it.
@@ -71,6 +75,16 @@ libusb:
 	else \
 	    echo "note: maps need the system library libusb-1.0 (Debian, Ubuntu: apt install libusb-1.0-0;" >&2; \
 	    echo "      Fedora: dnf install libusb1; macOS: brew install libusb); all else works without it" >&2; \
+	fi
+
+# The tests of the report look at it in a browser; without one they skip, and say so.
+chromium:
+	@if command -v chromedriver >/dev/null && command -v chromium >/dev/null; then :; \
+	elif [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+	    { apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq chromium chromium-driver >/dev/null; } \
+	    || echo "note: chromium could not be installed; the tests of the report in a browser will be skipped" >&2; \
+	else \
+	    echo "note: tests of the report in a browser need chromium and chromedriver (Debian: apt install chromium chromium-driver)" >&2; \
 	fi
 
 clean:
