@@ -12,7 +12,7 @@ demo: setup
 	$(BIN)/uwgraph demo -o demo-output
 
 # One process per core; one thread in each, or they would stand in each other's way.
-test: lint
+test: lint chromium
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile
 
 lint: setup
@@ -62,7 +62,7 @@ $(READY): pyproject.toml
 	@test -n "$(PYTHON)" || { echo "uwgraph needs Python 3.11 or newer, and there is none on PATH" >&2; exit 1; }
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
-	@$(MAKE) --no-print-directory libusb chromium
+	@$(MAKE) --no-print-directory libusb
 	@touch $@
 
 # open3d loads the system's libusb-1.0 when it is imported, and its wheel does not bring it.

@@ -39,7 +39,8 @@ def smooth(
         bool, typer.Option("--no-covariances", help="Leave out the 1-sigma of the states: faster.")
     ] = False,
     alignment: Annotated[
-        Literal["none", "origin", "yaw"], typer.Option("--align", help="Move onto the reference before judging.")
+        Literal["none", "origin", "yaw", "se3"],
+        typer.Option("--align", help="Move onto the reference before judging; se3 hides what a heading gives."),
     ] = "none",
     settings: Annotated[
         Path | None, typer.Option(metavar="FILE", help="YAML file of settings; options above win over it.")
