@@ -110,10 +110,10 @@ def test_both_gates_make_no_false_association_where_one_does():
 @pytest.mark.slow
 def test_noise_that_grows_is_learnt_and_the_estimate_better_for_it():
     change = 3 * LAP_S // 2
-    worlds = [world(seed, 3 * LAP_S, step_at=change) for seed in range(4)]
+    worlds = [world(seed, 5 * LAP_S, step_at=change) for seed in range(3)]
     adaptive, fixed = ([run(w, s) for w in worlds] for s in (ADAPTIVE, FIXED))
-    assert rms([r.rmse(change) for r in adaptive]) < rms([r.rmse(change) for r in fixed])
-    assert np.mean([r.nees for r in adaptive]) < np.mean([r.nees for r in fixed])
+    assert rms([r.rmse(change) for r in adaptive]) < 0.8 * rms([r.rmse(change) for r in fixed])
+    assert np.mean([r.nees for r in adaptive]) < 0.8 * np.mean([r.nees for r in fixed])
     assert sum(r.false for r in adaptive) == 0
     believed = [[np.mean(row.noise) for row in r.result.judged if row.kind == "place"] for r in adaptive]
     np.testing.assert_allclose([np.mean(noise[: len(noise) // 3]) for noise in believed], 1.0, atol=0.2)
