@@ -1,8 +1,8 @@
 """The unscented transform over a part of a state: for what moves, or tells of, no more than that part.
 
 Sigma points of the whole state lie sqrt(n) sigmas away, so that a filter which remembers 50 places would look at
-headings twelve sigmas off. Here they are drawn from the part's own k numbers and take the rest of the state with them as
-it is correlated. On a linear problem this is the transform of the whole state, whatever k.
+headings twelve sigmas off. Here they are drawn from the part's own k numbers and take the rest of the state with them
+as it is correlated. On a linear problem this is the transform of the whole state, whatever k.
 """
 
 from __future__ import annotations
