@@ -25,6 +25,7 @@ EXAMPLES = """Examples:
 [bold]uwgraph compare dives/run1 -o out/compared --delay sun=2 --settings mine.yaml --json[/bold]"""
 
 DEFAULT = "dr,eskf,ukf,aukf,smooth"
+KINDS = ("dvl", "depth", "fixes", "heading", "sun", "odometry", "closures")
 COLUMNS = (
     ("rmse m", "horizontal_rmse_m"),
     ("max m", "horizontal_max_m"),
@@ -105,6 +106,9 @@ def _settings(file: Path | None, asked: Mapping[str, Any], delays: list[str]) ->
     stated = settings_from(EstimatorSettings, file, {}).model_dump(exclude_unset=True)
     first = {name: value for name, value in asked.items() if value is not None}
     late = {"delays_s": {**stated.get("filter", {}).get("delays_s", {}), **dict(map(_delay, delays))}}
+    for kind in late["delays_s"]:
+        if kind not in KINDS:
+            raise ConfigError(f"no sensor is called {kind!r}", where="delay", remedy=f"use {', '.join(KINDS)}")
     return parse_settings(
         EstimatorSettings,
         {"smooth": {**stated.get("smooth", {}), **first}, "filter": {**stated.get("filter", {}), **late}},
