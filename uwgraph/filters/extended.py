@@ -16,7 +16,7 @@ from uwgraph.types import FloatArray
 
 def predict(belief: Belief, t_ns: int, moved: State, F: FloatArray, noise_rows: FloatArray) -> Belief:
     """The belief after a motion with derivative F and additive noise noise_rows^T noise_rows."""
-    return predict_and_carry(belief, t_ns, moved, F, noise_rows)[0]
+    return Belief(t_ns, moved, lower_root(np.concatenate([(F @ belief.S).T, noise_rows])))
 
 
 def predict_and_carry(

@@ -16,7 +16,7 @@ from uwgraph.filters import extended, unscented
 from uwgraph.filters.ins import Ins, Nodes
 from uwgraph.filters.roots import lower_root
 from uwgraph.filters.state import Belief, State
-from uwgraph.filters.unscented import Seen, Spread, Weights
+from uwgraph.filters.unscented import Motion, Seen, Spread, Weights
 from uwgraph.graph.observed import Observed
 from uwgraph.types import FloatArray
 
@@ -29,15 +29,24 @@ class Kalman(ABC):
 
     def predict(self, belief: Belief, t_ns: int, steps: FloatArray, earth: FloatArray) -> Belief:
         """The belief after steps of dt, specific force and rate, shape (S, 7)."""
-        core, G = _core(belief, self.ins.moving), np.eye(self.ins.moving)
+        n = self.ins.moving
+        if belief.x.size == n:
+            for step in steps:
+                belief = self.step(belief, t_ns, step, earth)
+            return belief
+        core, G = _core(belief, n), np.eye(n)
         for step in steps:
-            core, carried = self.step(core, t_ns, step, earth)
+            core, carried = self.step_and_carry(core, t_ns, step, earth)
             G = G @ carried
         return _joined(core, G, belief)
 
     @abstractmethod
-    def step(self, core: Belief, t_ns: int, step: FloatArray, earth: FloatArray) -> tuple[Belief, FloatArray]:
-        """The moving part after one step, and E[u u'^T] of the unit vectors behind its errors."""
+    def step(self, core: Belief, t_ns: int, step: FloatArray, earth: FloatArray) -> Belief:
+        """The moving part after one step."""
+
+    @abstractmethod
+    def step_and_carry(self, core: Belief, t_ns: int, step: FloatArray, earth: FloatArray) -> tuple[Belief, FloatArray]:
+        """The same, and E[u u'^T] of the unit vectors behind its errors."""
 
     @abstractmethod
     def see(self, belief: Belief, observed: Observed, nodes: Nodes = ()) -> Seen:
@@ -51,10 +60,15 @@ class Unscented(Kalman):
     spread: Spread = field(default_factory=Spread)
     _weights: dict[int, Weights] = field(default_factory=dict, repr=False, compare=False)
 
-    def step(self, core: Belief, t_ns: int, step: FloatArray, earth: FloatArray) -> tuple[Belief, FloatArray]:
+    def step(self, core: Belief, t_ns: int, step: FloatArray, earth: FloatArray) -> Belief:
+        return unscented.predict(core, t_ns, *self._model(core, step, earth))
+
+    def step_and_carry(self, core: Belief, t_ns: int, step: FloatArray, earth: FloatArray) -> tuple[Belief, FloatArray]:
+        return unscented.predict_and_carry(core, t_ns, *self._model(core, step, earth))
+
+    def _model(self, core: Belief, step: FloatArray, earth: FloatArray) -> tuple[Motion, FloatArray, Weights]:
         motion = partial(self.ins.move, step=step, earth=earth)
-        noise = self.ins.noise_rows(float(step[0]))
-        return unscented.predict_and_carry(core, t_ns, motion, noise, self.weights(core.x.size))
+        return motion, self.ins.noise_rows(float(step[0])), self.weights(core.x.size)
 
     def see(self, belief: Belief, observed: Observed, nodes: Nodes = ()) -> Seen:
         weights = self.weights(self.ins.reach(observed, nodes))
@@ -70,7 +84,10 @@ class Unscented(Kalman):
 class Extended(Kalman):
     """To first order."""
 
-    def step(self, core: Belief, t_ns: int, step: FloatArray, earth: FloatArray) -> tuple[Belief, FloatArray]:
+    def step(self, core: Belief, t_ns: int, step: FloatArray, earth: FloatArray) -> Belief:
+        return extended.predict(core, t_ns, *self.linearized(core.x, step, earth))
+
+    def step_and_carry(self, core: Belief, t_ns: int, step: FloatArray, earth: FloatArray) -> tuple[Belief, FloatArray]:
         return extended.predict_and_carry(core, t_ns, *self.linearized(core.x, step, earth))
 
     def linearized(self, x: State, step: FloatArray, earth: FloatArray) -> tuple[State, FloatArray, FloatArray]:
@@ -90,8 +107,6 @@ def _batch(x: State) -> State:
 
 def _core(belief: Belief, n: int) -> Belief:
     """The first n numbers of the tangent alone: the body's rotation, and no other."""
-    if belief.x.size == n:
-        return belief
     return Belief(belief.t_ns, belief.x.core(n), np.ascontiguousarray(belief.S[:n, :n]))
 
 
@@ -102,8 +117,6 @@ def _joined(core: Belief, G: FloatArray, before: Belief) -> Belief:
     core any more goes to their own root.
     """
     n = core.x.size
-    if before.x.size == n:
-        return core
     A, B = before.S[n:, :n], before.S[n:, n:]
     left, Q = np.linalg.eigh(np.eye(n) - G @ G.T)
     freed = A @ (Q * np.sqrt(np.maximum(left, 0.0)))

@@ -36,8 +36,10 @@ class State:
 
     def plus(self, d: FloatArray) -> State:
         """This state moved by a tangent vector, shape (n,), or by each of M, shape (M, n)."""
-        R, y = kernels.plus(self.R, self.y, np.atleast_2d(d), self.rot)
-        return State(R, y, self.rot) if d.ndim == 2 else State(R[0], y[0], self.rot)
+        if d.ndim == 2:
+            return State(*kernels.plus(self.R, self.y, d, self.rot), self.rot)
+        R, y = kernels.plus(self.R, self.y, d[None], self.rot)
+        return State(R[0], y[0], self.rot)
 
     def to(self, other: State) -> FloatArray:
         """The tangent vectors from this state to the other, or to each of M others: the inverse of :meth:`plus`."""

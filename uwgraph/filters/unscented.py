@@ -79,13 +79,14 @@ class Weights:
 
     def deviations(self, S: FloatArray) -> FloatArray:
         """Tangent vectors of the sigma points along the first n columns of a root, shape (2 n + 1, size)."""
-        half = self.scale * S[:, : self.n].T
-        return np.concatenate([np.zeros((1, len(S))), half, -half])
+        D: FloatArray = self.points @ S[:, : self.n].T
+        return D
 
 
 def predict(belief: Belief, t_ns: int, motion: Motion, noise_rows: FloatArray, weights: Weights) -> Belief:
     """The belief after a motion with additive noise, whose covariance is noise_rows^T noise_rows."""
-    return predict_and_carry(belief, t_ns, motion, noise_rows, weights)[0]
+    x, E = _moved(belief, motion, weights)
+    return Belief(t_ns, x, lower_root(np.concatenate([E, noise_rows])))
 
 
 def predict_and_carry(
@@ -95,14 +96,19 @@ def predict_and_carry(
 
     u and u' are the unit normal vectors before and after, of which the state's errors are S u and S' u'.
     """
-    moved = motion(belief.x.plus(weights.deviations(belief.S)))
-    centre = State(moved.R[0], moved.y[0], moved.rot)
-    x = centre.plus(weights.mean @ centre.to(moved))
-    E = weights.root * x.to(moved)
+    x, E = _moved(belief, motion, weights)
     S = lower_root(np.concatenate([E, noise_rows]))
     n = weights.n
     carried = solve_lower(S, (weights.root[1, 0] * weights.scale) * (E[1 : n + 1] - E[n + 1 :]).T)
     return Belief(t_ns, x, S), carried.T
+
+
+def _moved(belief: Belief, motion: Motion, weights: Weights) -> tuple[State, FloatArray]:
+    """Mean of the moved sigma points, and their weighted deviations from it, shape (2 n + 1, size)."""
+    moved = motion(belief.x.plus(weights.deviations(belief.S)))
+    centre = State(moved.R[0], moved.y[0], moved.rot)
+    x = centre.plus(weights.mean @ centre.to(moved))
+    return x, weights.root * x.to(moved)
 
 
 @dataclass(frozen=True, eq=False)
