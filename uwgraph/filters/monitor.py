@@ -101,6 +101,23 @@ class Taken:
     """1-sigma believed, shape (m,)."""
     fading: float = 1.0
 
+    def judged(self, t_ns: int, kind: str) -> Judged:
+        """What is kept of it."""
+        return Judged(t_ns, kind, self.whitened, self.nis, self.accepted, self.noise, self.fading)
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """What a filter made of a measurement: a row of :class:`uwgraph.types.Innovations`."""
+
+    t_ns: int
+    kind: str
+    whitened: FloatArray
+    nis: float
+    accepted: bool
+    noise: FloatArray
+    fading: float
+
 
 @dataclass(frozen=True)
 class Policy:

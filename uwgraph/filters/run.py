@@ -17,7 +17,7 @@ import factors
 from uwgraph.filters.augment import without
 from uwgraph.filters.ins import NODE, Nodes
 from uwgraph.filters.kalman import Kalman
-from uwgraph.filters.monitor import Monitor, Policy, Taken
+from uwgraph.filters.monitor import Judged, Monitor, Policy
 from uwgraph.filters.state import Belief
 from uwgraph.graph.observed import Observed
 from uwgraph.graph.place import place_at
@@ -58,12 +58,14 @@ class Filtering:
     """Where a filter is: its belief and what it knows of its sensors."""
 
     belief: Belief
-    monitors: Mapping[str, Monitor] = field(default_factory=dict)
+    monitors: Mapping[Sensor, Monitor] = field(default_factory=dict)
     epoch: int = 0
     nodes: Nodes = ()
 
 
-Record = Callable[[Observed, Taken], None]
+Record = Callable[[Judged], None]
+Sensor = tuple[str, int]
+"""Kind and dimension: fixes with a height and fixes without have statistics of their own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,20 +86,22 @@ class Runner:
         self, start: Filtering, outputs: IndexArray, progress: Callable[[float], None]
     ) -> tuple[list[Belief], Innovations | None]:
         """Beliefs at the epochs ``outputs`` (increasing), with what had reached the filter by then."""
-        history: list[tuple[Observed, Taken]] = []
+        history: list[Judged] = []
         late = max(self.delays_ns.values(), default=0)
         certain, reported = start, []
         for n, output in enumerate(outputs.tolist()):
             now = int(self.epochs.t_ns[output])
             settled = int(np.searchsorted(self.epochs.t_ns, now - late, side="right")) - 1
-            certain = self._advance(certain, max(settled, 0), None, lambda o, t: history.append((o, t)))
-            ahead = certain if settled == output else self._advance(certain, output, now, lambda *_: None)
+            certain = self._advance(certain, max(settled, 0), None, history.append)
+            ahead = certain if settled == output else self._advance(certain, output, now, lambda judged: None)
             reported.append(ahead.belief)
             if n % 50 == 0:
                 progress(n / len(outputs))
         return reported, innovations_of(history)
 
-    def _advance(self, filtering: Filtering, until: int, known_ns: int | None, record: Record) -> Filtering:
+    def _advance(
+        self, filtering: Filtering, until: int, known_ns: int | None, record: Callable[[Judged], None]
+    ) -> Filtering:
         """On to an epoch, its measurements included; with those only that are there at ``known_ns``."""
         belief, monitors, nodes = filtering.belief, dict(filtering.monitors), filtering.nodes
         epochs = self.epochs
@@ -108,9 +112,10 @@ class Runner:
                 if known_ns is not None and observed.t_ns + self.delays_ns.get(observed.kind, 0) > known_ns:
                     continue
                 see = partial(self.kalman.see, observed=observed, nodes=nodes)
-                taken = self.policy.take(belief, see, monitors.get(observed.kind), observed.kind not in CLAIMS)
-                belief, monitors[observed.kind] = taken.belief, taken.monitor
-                record(observed, taken)
+                sensor = (observed.kind, len(observed.whitener))
+                taken = self.policy.take(belief, see, monitors.get(sensor), observed.kind not in CLAIMS)
+                belief, monitors[sensor] = taken.belief, taken.monitor
+                record(taken.judged(observed.t_ns, observed.kind))
             belief, nodes = self._remember(belief, nodes, k + 1)
         return Filtering(belief, monitors, max(until, filtering.epoch), nodes)
 
@@ -125,22 +130,22 @@ class Runner:
         return belief, nodes
 
 
-def innovations_of(history: Sequence[tuple[Observed, Taken]]) -> Innovations | None:
+def innovations_of(history: Sequence[Judged]) -> Innovations | None:
     """The history as a stream; None where nothing was measured."""
     if not history:
         return None
-    width = max(len(taken.whitened) for _, taken in history)
+    width = max(len(row.whitened) for row in history)
 
     def padded(row: FloatArray) -> FloatArray:
         return np.pad(row, (0, width - len(row)), constant_values=np.nan)
 
     return Innovations(
-        np.array([o.t_ns for o, _ in history], dtype=np.int64),
-        kind=np.array([o.kind for o, _ in history]),
-        dof=np.array([len(t.whitened) for _, t in history], dtype=np.int64),
-        whitened=np.array([padded(t.whitened) for _, t in history]),
-        nis=np.array([t.nis for _, t in history]),
-        accepted=np.array([t.accepted for _, t in history]),
-        noise=np.array([padded(t.noise) for _, t in history]),
-        fading=np.array([t.fading for _, t in history]),
+        np.array([row.t_ns for row in history], dtype=np.int64),
+        kind=np.array([row.kind for row in history]),
+        dof=np.array([len(row.whitened) for row in history], dtype=np.int64),
+        whitened=np.array([padded(row.whitened) for row in history]),
+        nis=np.array([row.nis for row in history]),
+        accepted=np.array([row.accepted for row in history]),
+        noise=np.array([padded(row.noise) for row in history]),
+        fading=np.array([row.fading for row in history]),
     )

@@ -16,7 +16,7 @@ from uwgraph.dive.rig import Settings
 from uwgraph.errors import DataError
 from uwgraph.filters import part
 from uwgraph.filters.kinematic import PSI, VEHICLE, Direct, InputNoise, Inputs, Kinematic
-from uwgraph.filters.monitor import Monitor, Policy
+from uwgraph.filters.monitor import Judged, Monitor, Policy
 from uwgraph.filters.place_nodes import Association, Places, PlaceSettings, Sighting, Verdict, associate, fused
 from uwgraph.filters.settings import Adaptation, SigmaPoints
 from uwgraph.filters.state import Belief, Index
@@ -68,19 +68,6 @@ class Sighted:
     verdict: Verdict
     label: int | None
     """The node that it was taken for or that it made; None where it was left out."""
-
-
-@dataclass(frozen=True, eq=False)
-class Judged:
-    """What the filter made of a measurement: a row of :class:`uwgraph.types.Innovations`."""
-
-    t_ns: int
-    kind: str
-    whitened: FloatArray
-    nis: float
-    accepted: bool
-    noise: FloatArray
-    fading: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,8 +189,7 @@ class Slam:
         taken = self._policy.take(part.facing(self.belief, at), see, self._monitors.get(key))
         self.places = replace(self.places, belief=part.lowered(taken.belief))
         self._monitors[key] = taken.monitor
-        row = Judged(measured.t_ns, measured.kind, taken.whitened, taken.nis, taken.accepted, taken.noise, taken.fading)
-        self.judged.append(row)
+        self.judged.append(taken.judged(measured.t_ns, measured.kind))
         return taken.accepted
 
     def _sight(self, sighting: Sighting) -> None:
