@@ -289,6 +289,33 @@ def test_an_interrupted_comparison_leaves_nothing(own: Path, folder: Path, tmp_p
     assert gone(process.pid)
 
 
+@pytest.mark.parametrize("seconds", [0.2, 1.5])
+def test_an_interruption_while_a_process_starts_is_quiet(
+    own: Path, folder: Path, tmp_path: Path, seconds: float
+) -> None:
+    """A terminal's Ctrl-C reaches the new process too, in the middle of its imports."""
+    command = [sys.executable, own, "compare", folder, "-o", tmp_path / "out", "--estimators", "dr"]
+    process = subprocess.Popen(
+        list(map(str, command)), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    if not children.exists():
+        process.kill()
+        pytest.skip("this system does not list the children of a process")
+    deadline = time.monotonic() + 60.0
+    # the first child of multiprocessing is its resource tracker
+    while len(children.read_text().split()) < 2 and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.01)
+    time.sleep(seconds)
+    os.killpg(process.pid, signal.SIGINT)
+    stdout, stderr = process.communicate(timeout=30)
+    assert process.returncode == 130, stderr
+    assert "Traceback" not in stderr
+    assert stdout == ""
+    assert gone(process.pid)
+    assert not (tmp_path / "out").exists()
+
+
 def gone(group: int) -> bool:
     """Whether no process of the group is left after two seconds at most."""
     for _ in range(40):

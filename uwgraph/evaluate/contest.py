@@ -6,13 +6,16 @@ with it.
 
 from __future__ import annotations
 
+import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
+from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
+from threading import current_thread, main_thread
 from typing import Any
 
 import numpy as np
@@ -112,9 +115,10 @@ def _run_all(tasks: Sequence[tuple[Any, ...]], jobs: int, progress: Progress) ->
                 task = waiting.pop(0)
                 ours, theirs = context.Pipe()
                 process = context.Process(target=_work, args=(theirs, *task), daemon=True)
-                process.start()
+                with _interrupts_later():
+                    process.start()
+                    running[ours] = (task[0], process)
                 theirs.close()
-                running[ours] = (task[0], process)
             for ready in wait(list(running)):
                 assert isinstance(ready, Connection)
                 name, process = running[ready]
@@ -131,6 +135,28 @@ def _run_all(tasks: Sequence[tuple[Any, ...]], jobs: int, progress: Progress) ->
         for _, process in running.values():
             process.kill()
     return {task[0]: done[task[0]] for task in tasks}
+
+
+@contextmanager
+def _interrupts_later() -> Iterator[None]:
+    """Ctrl-C reaches every process of a terminal: those started in here leave it to this one, which ends them.
+
+    It waits until they are known, or they would outlive it. They inherit the mask of this thread; the handler is for
+    the other threads of this process, which take the signal instead.
+    """
+    resource_tracker.ensure_running()  # starting it would lift the mask
+    pending: list[int] = []
+    alone = current_thread() is main_thread()
+    handler = signal.signal(signal.SIGINT, lambda number, _: pending.append(number)) if alone else None
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        if alone:
+            signal.signal(signal.SIGINT, handler)
+    if pending:
+        raise KeyboardInterrupt
 
 
 def _received(connection: Connection) -> Any:
@@ -154,14 +180,13 @@ def _work(results: Connection, name: str, dive: Dive, settings: EstimatorSetting
     def tell(what: str, share: float) -> None:
         results.send((what, share))
 
-    try:
-        results.send(_ran(name, dive, settings, t_ns, tell))
-    except UwgraphError as error:
-        results.send(str(error))
-    except KeyboardInterrupt:
-        pass
-    except Exception as error:
-        results.send(f"{type(error).__name__}: {error}")
+    with suppress(BrokenPipeError):  # nobody is there any more
+        try:
+            results.send(_ran(name, dive, settings, t_ns, tell))
+        except UwgraphError as error:
+            results.send(str(error))
+        except Exception as error:
+            results.send(f"{type(error).__name__}: {error}")
 
 
 def _ran(name: str, dive: Dive, settings: EstimatorSettings, t_ns: TimeArray, tell: Progress) -> Ran:
