@@ -3,9 +3,10 @@
     python benchmarks/filter_speed.py [--steps 2000] [--snapir FOLDER] [--json] [--save]
 
 The peer is filterpy's ``UnscentedKalmanFilter`` with the same 15-state inertial model, sigma points and noise, and with
-rotations on the manifold through its hooks (``x_mean_fn``, ``residual_x``, ``state_add``, ``subtract``), the process and the
-measurement called point by point as it does. Both predict at 100 Hz and take a Doppler velocity at 5 Hz, a depth at
-5 Hz and a heading at 1 Hz; adaptation is off. The states must be equal. With adaptation on the filter is timed again.
+rotations on the manifold through its hooks (``x_mean_fn``, ``residual_x``, ``state_add``, ``subtract``); the process
+and the measurement are called point by point, as it does. Both predict at 100 Hz and take a Doppler velocity at 5 Hz, a
+depth at 5 Hz and a heading at 1 Hz; adaptation is off. The states must be equal. With adaptation on the filter is timed
+again.
 With ``--snapir`` a recorded run is filtered from its reference's first state, all 100 Hz samples one by one.
 """
 

@@ -74,7 +74,7 @@ def test_without_alignment_a_turn_is_seen_in_the_heading() -> None:
 
 
 def test_unknown_alignment_is_refused() -> None:
-    with pytest.raises(ConfigError, match="'sim3'.*\n.*se3"):
+    with pytest.raises(ConfigError, match=r"'sim3'.*\n.*se3"):
         metrics(truth(), as_reference(truth()), "sim3")  # type: ignore[arg-type]
 
 
