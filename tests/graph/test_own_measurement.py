@@ -10,11 +10,12 @@ import pytest
 
 import factors
 from uwgraph.dive import Dive
+from uwgraph.errors import ConfigError
 from uwgraph.evaluate import judge
 from uwgraph.evaluate.reference import reference_at
 from uwgraph.filters import ESTIMATORS, EstimatorSettings, FilterSettings, task_of
 from uwgraph.graph import SmoothSettings, smooth
-from uwgraph.graph.observed import Observed
+from uwgraph.graph.observed import Observed, Role
 from uwgraph.simulate import DepthModel, DvlModel, SimulationSettings, SunModel, simulate
 from uwgraph.types import FloatArray
 
@@ -153,3 +154,12 @@ def test_a_wild_one_is_outvoted(dive: Dive, ranges: list[Observed]) -> None:
     assert estimate.innovations is not None
     seen = estimate.innovations.select(estimate.innovations.kind == "range")
     np.testing.assert_array_equal(np.flatnonzero(~seen.accepted), [10])
+
+
+@pytest.mark.parametrize("role", ["node", "dvl"])
+def test_a_part_of_the_state_that_the_graph_does_not_have_is_named(role: Role) -> None:
+    dive = simulate(MISSION)
+    assert dive.imu is not None
+    strange = Observed(int(dive.imu.t_ns[3000]), "strange", Current(np.array([1.0, 0.0, 0.0]), 1.0), (role,))
+    with pytest.raises(ConfigError, match=role):
+        smooth(dive, SmoothSettings(dvl_calibration=False), more=[strange])

@@ -12,6 +12,7 @@ from scipy.special import erf
 from scipy.stats import chi2
 
 import factors
+from uwgraph.errors import ConfigError
 from uwgraph.graph import moving
 from uwgraph.graph.initial import Initial
 from uwgraph.graph.models import depth_models, fix_models, heading_models
@@ -109,7 +110,7 @@ def build(
         add("odometry", odometry_at_keyframes(prepared.odometry, keyframes, track).factors(loss(6)))
     if closures is not None:
         add("closures", closures_at_keyframes(closures, keyframes, track).factors())
-    for kind, new in _more(more, keyframes, loss).items():
+    for kind, new in _more(more, keyframes, loss, calibrated=bool(bulk)).items():
         add(kind, new)
     values = _first_guess(keyframes, track, place, bias)
     for block in bulk:
@@ -261,12 +262,27 @@ def _sun(prepared: Prepared, keyframes: TimeArray, track: Track, place: Place, l
     return factors.sun_scatter_factors([X(i) for i in k.tolist()], at.spread, s_n, robust), at.t_ns
 
 
-def _more(more: Sequence[Observed], keyframes: TimeArray, loss: Losses) -> dict[str, list[gtsam.NonlinearFactor]]:
-    """Factors of anybody's own measurements, by kind."""
+def _more(
+    more: Sequence[Observed], keyframes: TimeArray, loss: Losses, *, calibrated: bool
+) -> dict[str, list[gtsam.NonlinearFactor]]:
+    """Factors of anybody's own measurements, by kind; ``calibrated``: the Doppler log's calibration is a variable.
+
+    Raises
+    ------
+    ConfigError
+        When a measurement is of a part of the state that the graph does not have.
+    """
     new: dict[str, list[gtsam.NonlinearFactor]] = {}
     for observed in more:
         k = int(np.searchsorted(keyframes, observed.t_ns))
-        keys = {"pose": X(k), "velocity": V(k), "bias": B(k), "dvl": DVL_CALIBRATION}
+        keys = {"pose": X(k), "velocity": V(k), "bias": B(k)} | ({"dvl": DVL_CALIBRATION} if calibrated else {})
+        unknown = [role for role in observed.roles if role not in keys]
+        if unknown:
+            raise ConfigError(
+                f"the graph has no variable {unknown[0]!r} for it",
+                where=f"measurements of kind {observed.kind!r}",
+                remedy=f"use roles out of {', '.join(keys)}; 'dvl' is there where the dive's calibration is estimated",
+            )
         factor = observed.model.lowered([keys[role] for role in observed.roles], loss(len(observed.whitener)))
         new.setdefault(observed.kind, []).append(factor)
     return new
