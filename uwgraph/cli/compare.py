@@ -45,7 +45,7 @@ def compare(
     out: Annotated[Path, typer.Option("--out", "-o", metavar="OUT", help="Folder for the results.")],
     estimators: Annotated[
         str,
-        typer.Option(metavar="NAMES", help="Of dr, eskf, aeskf, rts, ukf, aukf, smooth, separated by commas."),
+        typer.Option(metavar="NAMES", help="Of dr, eskf, aeskf, rts, ukf, aukf, kinematic, smooth; with commas."),
     ] = DEFAULT,
     heading_deg: Annotated[
         float | None, typer.Option(metavar="DEG", help="True heading at the start, where nothing aboard tells it.")

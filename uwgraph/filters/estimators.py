@@ -12,6 +12,7 @@ import numpy as np
 from uwgraph.dive.rig import Settings
 from uwgraph.filters.estimate import Task, filter_dive, ins_of, solution_of
 from uwgraph.filters.kalman import Extended, Kalman, Unscented
+from uwgraph.filters.kinematic_estimate import kinematic_estimate
 from uwgraph.filters.monitor import Policy
 from uwgraph.filters.rts import Remembering, smoothed
 from uwgraph.filters.settings import FilterSettings
@@ -90,6 +91,12 @@ def unscented(task: Task, settings: EstimatorSettings, progress: Progress, *, ad
     return _filtered(task, Unscented(ins_of(task.prepared, settings.filter), spread), settings, progress, adaptive)
 
 
+def kinematic(task: Task, settings: EstimatorSettings, progress: Progress) -> Estimate:
+    """The adaptive unscented filter of the kinematic model: position and heading, driven by Doppler log and gyro."""
+    progress("filtering", 0.0)
+    return Estimate(*kinematic_estimate(task, settings.filter))
+
+
 def rauch_tung_striebel(task: Task, settings: EstimatorSettings, progress: Progress) -> Estimate:
     """The error-state Kalman filter and its backward pass, without late measurements and places seen again."""
     kalman = Remembering(ins_of(task.prepared, settings.filter))
@@ -122,6 +129,7 @@ ESTIMATORS: Final[Mapping[str, Named]] = {
     "rts": Named("Kalman filter with a Rauch-Tung-Striebel pass", False, rauch_tung_striebel),
     "ukf": Named("unscented Kalman filter", True, unscented),
     "aukf": Named("adaptive unscented Kalman filter", True, partial(unscented, adaptive=True)),
+    "kinematic": Named("adaptive unscented filter of the kinematic model", True, kinematic),
     "smooth": Named("graph smoother", False, graph_smoother),
 }
 """By their names on the command line."""
