@@ -23,7 +23,7 @@ from uwgraph.simulate import FloorModel, SimulationSettings, add_floor_images, s
 
 CAMERA = Camera("pinhole", (260.0, 260.0), (159.5, 119.5), (320, 240), R_bs=DOWN_FORWARD)
 PATROL = SimulationSettings(
-    pattern="patrol", duration_s=150.0, speed=0.5, depth=3.0, leg_length_m=6.0, line_spacing_m=5.0,
+    pattern="patrol", duration_s=130.0, speed=0.5, depth=3.0, leg_length_m=6.0, line_spacing_m=5.0,
     turn_rate_deg_s=12.0, current=(0.05, 0.02), surface_time_s=5.0, gnss=None, sun=None, dvl=None,
 )  # fmt: skip
 

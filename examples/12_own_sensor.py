@@ -44,9 +44,9 @@ class Range(factors.Measurement):
 
 
 if __name__ == "__main__":
-    seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 900.0
-    dive = simulate(SimulationSettings(duration_s=seconds, imu_rate_hz=50.0, sun=None), seed=1)
-    truth, rng = dive.reference.select(slice(300, None, 50)), np.random.default_rng(0)  # every 5 s
+    seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 400.0
+    dive = simulate(SimulationSettings(duration_s=seconds, imu_rate_hz=50.0, sun=None), seed=10)
+    truth, rng = dive.reference.select(slice(300, None, 50)), np.random.default_rng(10)  # every 5 s
     ranges = []
     for k, p in enumerate(ned_from_geodetic(dive.origin, truth.lat, truth.lon, truth.height)):
         beacon = BEACONS_N[k % 2]

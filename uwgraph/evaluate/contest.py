@@ -134,6 +134,7 @@ def _run_all(tasks: Sequence[tuple[Any, ...]], jobs: int, progress: Progress) ->
     finally:
         for _, process in running.values():
             process.kill()
+            process.join()
     return {task[0]: done[task[0]] for task in tasks}
 
 
