@@ -27,6 +27,7 @@ from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.markup import escape
+from rich.progress import track
 from rich.table import Table
 
 RESULTS = Path(__file__).parent / "results"
@@ -117,10 +118,11 @@ def machine() -> dict[str, Any]:
 
 
 def in_processes(job: Callable[..., T], tasks: Iterable[tuple[Any, ...]]) -> list[T]:
-    """``job(*task)`` of every task, in two fresh processes, in the order of the tasks."""
+    """``job(*task)`` of every task, in two fresh processes, in the order of the tasks; progress where people watch."""
     tasks = list(tasks)
     with ProcessPoolExecutor(min(PROCESSES, len(tasks)), mp_context=get_context("spawn")) as pool:
-        return list(pool.map(job, *zip(*tasks, strict=True)))
+        done = pool.map(job, *zip(*tasks, strict=True))
+        return list(track(done, "", len(tasks), console=Console(stderr=True), transient=True))
 
 
 @dataclass(frozen=True)
