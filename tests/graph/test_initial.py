@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uwgraph.dive import Dive
-from uwgraph.dive.rig import HeadingRig
+from uwgraph.dive.rig import DepthRig, FixesRig, HeadingRig
 from uwgraph.errors import DataError, InitialisationError
 from uwgraph.frames import matrix_from_rph, rph_from_matrix, wrap_pi
 from uwgraph.graph import SmoothSettings, smooth
 from uwgraph.graph.initial import Initial, initial_state, level
 from uwgraph.graph.prepare import BodyImu, prepare
-from uwgraph.simulate import GnssModel, HeadingModel, SimulationSettings, SunModel
+from uwgraph.simulate import DepthModel, GnssModel, HeadingModel, SimulationSettings, SunModel
 
 AUTO = SmoothSettings()
 AT_SURFACE = SimulationSettings(
@@ -181,3 +181,18 @@ def test_without_fixes_the_dive_starts_at_its_origin(truth: Truth) -> None:
 def test_the_sun_is_worth_its_noise() -> None:
     truth = Truth.of(SHORT.model_copy(update={"grade": "noise_free", "sun": SunModel(), "waves": 0.0}))
     assert heading_error_deg(truth, first(only(truth.dive, "sun"))) < 0.05
+
+
+def test_the_first_position_is_that_of_the_body_and_not_of_its_sensors() -> None:
+    """Antenna and depth sensor on lever arms, nothing with noise: dead reckoning starts where the body is."""
+    fixes, depth = (-0.6, 0.2, -0.7), (-0.3, 0.1, -0.25)
+    quiet = AT_SURFACE.model_copy(
+        update={
+            "grade": "noise_free",
+            "gnss": GnssModel(rig=FixesRig(sigma=1e-4, translation_m=fixes)),
+            "depth_sensor": DepthModel(rig=DepthRig(sigma=1e-4, translation_m=depth)),
+        }
+    )
+    truth = Truth.of(quiet)
+    found = first(truth.dive)
+    np.testing.assert_allclose(found.p_n, truth.p_n(np.array([found.t_ns]))[0], atol=0.02)

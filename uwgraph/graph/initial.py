@@ -151,6 +151,7 @@ def _position(
 
     ``turn`` rotates the track, which was reckoned with heading zero, to the heading found.
     """
+    rig = prepared.dive.rig
     p = np.zeros(3)
     sigma = np.full(3, settings.position_sigma_m)
     source = "the origin of the dive"
@@ -158,11 +159,11 @@ def _position(
         first = prepared.fixes.select(slice(0, 1))
         height = np.nan_to_num(first.height)
         fix = ned_from_geodetic(prepared.origin, first.lat, first.lon, height)[0]
-        p[:2] = (fix - turn @ track.position_at(first.t_ns)[0])[:2]
+        p[:2] = (fix - turn @ track.point_at(first.t_ns, rig.fixes.l_b)[0])[:2]
         sigma[:] = UNKNOWN_POSITION_SIGMA
         source = f"the first fix ({first.source[0]})"
     if prepared.depth is not None:
-        p[2] = prepared.depth.depth[0] - track.position_at(prepared.depth.t_ns[:1])[0, 2]
+        p[2] = prepared.depth.depth[0] - track.point_at(prepared.depth.t_ns[:1], rig.depth.l_b)[0, 2]
         sigma[2] = UNKNOWN_POSITION_SIGMA
     return p, sigma, source
 

@@ -36,7 +36,7 @@ class AtKeyframes:
 def depths(stream: Depth, keyframes: TimeArray, track: Track, lever_b: FloatArray) -> AtKeyframes:
     """Depth of the sensor at the keyframes, with 1-sigma."""
     stream, k = _near(stream, keyframes)
-    moved = (_point(track, keyframes[k], lever_b) - _point(track, stream.t_ns, lever_b))[:, 2]
+    moved = (track.point_at(keyframes[k], lever_b) - track.point_at(stream.t_ns, lever_b))[:, 2]
     weight = stream.sigma**-2.0
     keyframe, value, total = _weighted_mean(k, stream.depth + moved, weight)
     return AtKeyframes(keyframe, value, total**-0.5, _mean_time(k, stream.t_ns, keyframes, weight))
@@ -72,7 +72,7 @@ def fixes(
     cov = stream.cov_n.copy()
     cov[~np.isfinite(stream.height), 2, 2] = np.inf
     p = ned_from_geodetic(origin, stream.lat, stream.lon, np.nan_to_num(stream.height))
-    moved = _point(track, keyframes[k], lever_b) - _point(track, stream.t_ns, lever_b)
+    moved = track.point_at(keyframes[k], lever_b) - track.point_at(stream.t_ns, lever_b)
     return AtKeyframes(k, p + moved, cov, stream.t_ns), R_n_local(origin, stream.lat, stream.lon)
 
 
@@ -80,12 +80,6 @@ def _near(stream: Any, keyframes: TimeArray) -> tuple[Any, IndexArray]:
     """The samples that the keyframes span and the index of each one's keyframe."""
     kept = stream.select(inside(keyframes, stream.t_ns))
     return kept, nearest_keyframe(keyframes, kept.t_ns)
-
-
-def _point(track: Track, t_ns: TimeArray, lever_b: FloatArray) -> FloatArray:
-    """Position of a point of the body along the track, shape (N, 3)."""
-    p = track.position_at(t_ns)
-    return p + track.rotation_at(t_ns) @ lever_b if lever_b.any() else p
 
 
 def _weighted_mean(k: IndexArray, value: FloatArray, weight: FloatArray) -> tuple[IndexArray, FloatArray, FloatArray]:

@@ -82,6 +82,11 @@ class Track:
         p: FloatArray = way((np.asarray(t_ns) - t0) * 1e-9)
         return p
 
+    def point_at(self, t_ns: TimeArray, lever_b: FloatArray) -> FloatArray:
+        """Position of a point of the body, shape (N, 3), m; its ``lever_b`` is from the body origin."""
+        p = self.position_at(t_ns)
+        return p + self.rotation_at(t_ns) @ lever_b if lever_b.any() else p
+
     def velocity_at(self, t_ns: TimeArray) -> FloatArray:
         """Linear between the grid's, shape (N, 3), m/s."""
         t0 = self.t_ns[0]
