@@ -93,7 +93,7 @@ def filter_dive(
 
 
 def _measured(task: Task, settings: FilterSettings) -> tuple[list[Observed], dict[int, int]]:
-    """Everything measured after the first state, and the poses to be remembered with their last use, ns."""
+    """Everything measured from the first state on, and the poses to be remembered with their last use, ns."""
     prepared, start, end = task.prepared, task.initial.t_ns, int(task.t_ns[-1])
     streams = {"odometry": prepared.odometry if task.settings.odometry else None}
     if task.settings.closures and prepared.closures is not None and settings.max_nodes:
@@ -103,13 +103,13 @@ def _measured(task: Task, settings: FilterSettings) -> tuple[list[Observed], dic
     for kind, stream in streams.items():
         if stream is None:
             continue
-        seen = stream.select((stream.from_ns > start) & (stream.t_ns <= end))
+        seen = stream.select((stream.from_ns >= start) & (stream.t_ns <= end))
         if kind == "closures":
             seen = rememberable(seen, settings.max_nodes)
         measured += relative(kind, seen)
         for before, after in zip(seen.from_ns.tolist(), seen.t_ns.tolist(), strict=True):
             last_use[before] = max(last_use.get(before, 0), after)
-    return sorted((o for o in measured if start < o.t_ns <= end), key=lambda o: o.t_ns), last_use
+    return sorted((o for o in measured if start <= o.t_ns <= end), key=lambda o: o.t_ns), last_use
 
 
 def ins_of(prepared: Prepared, settings: FilterSettings) -> Ins:

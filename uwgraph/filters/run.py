@@ -59,7 +59,8 @@ class Filtering:
 
     belief: Belief
     monitors: Mapping[Sensor, Monitor] = field(default_factory=dict)
-    epoch: int = 0
+    epoch: int = -1
+    """The last whose measurements were taken; -1 before the start's own."""
     nodes: Nodes = ()
 
 
@@ -92,7 +93,7 @@ class Runner:
         for n, output in enumerate(outputs.tolist()):
             now = int(self.epochs.t_ns[output])
             settled = int(np.searchsorted(self.epochs.t_ns, now - late, side="right")) - 1
-            certain = self._advance(certain, max(settled, 0), None, history.append)
+            certain = self._advance(certain, settled, None, history.append)
             ahead = certain if settled == output else self._advance(certain, output, now, lambda judged: None)
             reported.append(ahead.belief)
             if n % 50 == 0:
@@ -105,10 +106,11 @@ class Runner:
         """On to an epoch, its measurements included; with those only that are there at ``known_ns``."""
         belief, monitors, nodes = filtering.belief, dict(filtering.monitors), filtering.nodes
         epochs = self.epochs
-        for k in range(filtering.epoch, until):
-            steps = epochs.steps[epochs.first[k] : epochs.first[k + 1]]
-            belief = self.kalman.predict(belief, int(epochs.t_ns[k + 1]), steps, epochs.earth[k])
-            for observed in self.measured.get(k + 1, ()):
+        for k in range(filtering.epoch + 1, until + 1):
+            if k:
+                steps = epochs.steps[epochs.first[k - 1] : epochs.first[k]]
+                belief = self.kalman.predict(belief, int(epochs.t_ns[k]), steps, epochs.earth[k - 1])
+            for observed in self.measured.get(k, ()):
                 if known_ns is not None and observed.t_ns + self.delays_ns.get(observed.kind, 0) > known_ns:
                     continue
                 see = partial(self.kalman.see, observed=observed, nodes=nodes)
@@ -116,7 +118,7 @@ class Runner:
                 taken = self.policy.take(belief, see, monitors.get(sensor), observed.kind not in CLAIMS)
                 belief, monitors[sensor] = taken.belief, taken.monitor
                 record(taken.judged(observed.t_ns, observed.kind))
-            belief, nodes = self._remember(belief, nodes, k + 1)
+            belief, nodes = self._remember(belief, nodes, k)
         return Filtering(belief, monitors, max(until, filtering.epoch), nodes)
 
     def _remember(self, belief: Belief, nodes: Nodes, epoch: int) -> tuple[Belief, Nodes]:
