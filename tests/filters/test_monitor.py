@@ -11,7 +11,7 @@ from linear import belief_of, predicted, updated
 from scalar_filter import Line, adaptive, rmse, variance
 
 from uwgraph.filters import extended
-from uwgraph.filters.monitor import RECENT, Policy, Taken
+from uwgraph.filters.monitor import RECENT, Policy, Taken, explaining
 from uwgraph.filters.state import Belief
 from uwgraph.filters.unscented import Seen
 from uwgraph.types import FloatArray
@@ -127,6 +127,30 @@ def test_a_filter_that_is_lost_believes_its_sensor_again(policy: Policy) -> None
     assert not history[50].accepted
     assert abs(history[50 + 2 * RECENT].belief.x.y[0] - truth[50 + 2 * RECENT, 0]) < 5.0
     assert rmse(history[120:], truth[120:]) < 0.6
+
+
+@pytest.mark.parametrize("growth", [9.0, 81.0, 3600.0])
+def test_a_filter_of_fixed_noise_does_not_take_noise_for_being_lost(growth: float) -> None:
+    """However large it is: a state that is grown for nothing swings after the noise."""
+    line, never, errors = Line(0.01, 1.0, 3), [], []
+    for seed in range(RUNS):
+        z, truth = stepped(line, seed, growth=growth)
+        history = line.filtered(z, FIXED)
+        assert all(t.fading == 1.0 for t in history)
+        errors.append(rmse(history, truth))
+        never.append(textbook_rmse(z[:, :1], truth[:, :1], line.q, line.stated))
+    assert mean_square(errors) < 1.05 * mean_square(never)
+
+
+def test_what_is_lost_grows_along_what_explains_it() -> None:
+    """Of a state correlated with what is measured by 0.6 it grows by so much, of one that is not by nothing."""
+    P = np.array([[4.0, 1.2, 0.0], [1.2, 1.0, 0.0], [0.0, 0.0, 9.0]])
+    belief, H = belief_of(np.zeros(3), P), np.array([[1.0, 0.0, 0.0]])
+    seen = extended.see(belief, np.array([-20.0]), H)
+    grown, factor = explaining(belief, seen, np.array([-20.0]))
+    np.testing.assert_allclose(grown.P - P, np.outer([20.0, 6.0, 0.0], [20.0, 6.0, 0.0]), atol=1e-9)
+    assert factor == pytest.approx(1.0 + 20.0**2 / 4.0)
+    np.testing.assert_allclose(grown.S, np.tril(grown.S), atol=0.0)
 
 
 def test_a_claim_is_never_believed_because_most_are_beyond_the_gate() -> None:

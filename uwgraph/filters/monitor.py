@@ -33,13 +33,17 @@ from uwgraph.types import FloatArray
 RECENT = 16
 """Measurements whose majority decides whether the filter is wrong or the measurement."""
 JUMP = 8
-"""Innovations whose median tells a jump."""
+"""Innovations whose median tells an adaptive filter, which knows the noise, of a jump."""
 MAD = 1.4826
 """Standard deviations in a median absolute deviation of a normal distribution."""
 See = Callable[[Belief], Seen]
 """A measurement's whitened residual over a belief."""
-LOST = 6.0
-"""Deviations of the innovations' median from which on a filter of fixed noise takes itself for lost."""
+LOST = 8.0
+"""Deviations of the median of the recent innovations from which on a filter of fixed noise takes itself for lost.
+
+Noise that is larger than stated must not look like it: of a few innovations most lie close together by chance, and one
+time in a thousand far from zero.
+"""
 FADING = 0.95
 """Weight of the former innovations in their covariance, where nothing else is asked for."""
 
@@ -63,17 +67,17 @@ class Monitor:
         """Whether most of the recent ones were beyond the gate."""
         return 2 * sum(x > 1.0 for x in self.excess) > max(len(self.excess), RECENT // 2)
 
-    def one_sided(self, sigmas: float) -> bool:
-        """Whether the median of the last innovations is further from zero than so many of their own deviations.
+    def one_sided(self, sigmas: float, last: int) -> bool:
+        """Whether the median of so many last innovations is further from zero than ``sigmas`` of their own deviations.
 
         Medians, so that outliers among them change little; their own deviations, since noise that has grown is on both
         sides, however large it is.
         """
-        if len(self.innovations) < JUMP:
+        if len(self.innovations) < last:
             return False
-        last = np.array(self.innovations)
-        median = np.median(last, axis=0)
-        scatter = np.maximum(MAD * np.median(np.abs(last - median), axis=0), 1.0)
+        recent = np.array(self.innovations[-last:])
+        median = np.median(recent, axis=0)
+        scatter = np.maximum(MAD * np.median(np.abs(recent - median), axis=0), 1.0)
         return bool((np.abs(median) / scatter).max() > sigmas)
 
     def after(self, white: FloatArray, excess: float, rho: float) -> Monitor:
@@ -81,7 +85,7 @@ class Monitor:
         return replace(
             self,
             excess=(*self.excess, excess)[-RECENT:],
-            innovations=(*self.innovations, white)[-JUMP:],
+            innovations=(*self.innovations, white)[-RECENT:],
             V=innovation_covariance(self.V, white, rho),
         )
 
@@ -153,9 +157,12 @@ class Policy:
             nis=d2 / len(white),
             noise=np.sqrt(monitor.noise.R.diagonal()),
         )
-        grown = self._growth(seen, believed, monitor, how) if opens else 1.0
-        if grown > 1.0:
-            return self._found_again(belief.grown(grown), see, monitor, judged, grown)
+        if opens and how is None and monitor.mostly_large and monitor.one_sided(LOST, RECENT):
+            median = believed.S_z @ np.median(np.array(monitor.innovations), axis=0)
+            return self._found_again(*explaining(belief, seen, median), see, monitor, judged)
+        fading = self._fading(seen, believed, monitor, how) if how is not None else 1.0
+        if fading > 1.0:
+            return self._found_again(belief.grown(fading), fading, see, monitor, judged)
         if d2 > limit and not (opens and monitor.mostly_large):
             return judged(belief, monitor, accepted=False)
         bounded = believed if d2 <= limit else seen.with_noise(np.sqrt(d2 / limit) * S_R)
@@ -165,7 +172,7 @@ class Policy:
         return judged(after, monitor, accepted=True)
 
     def _found_again(
-        self, grown: Belief, see: See, monitor: Monitor, judged: Callable[..., Taken], fading: float
+        self, grown: Belief, fading: float, see: See, monitor: Monitor, judged: Callable[..., Taken]
     ) -> Taken:
         """A state that was not where it was believed to be, with the measurement where it passes the gate now."""
         seen = see(grown)
@@ -176,21 +183,17 @@ class Policy:
         after = moved_by(grown, seen, believed) if accepted else grown
         return judged(after, monitor, accepted=accepted, fading=fading)
 
-    def _growth(self, seen: Seen, believed: Conditioned, monitor: Monitor, how: Adaptation | None) -> float:
+    def _fading(self, seen: Seen, believed: Conditioned, monitor: Monitor, how: Adaptation) -> float:
         """What the covariance is to be multiplied by, because the prediction and not the noise is to blame."""
         m = len(seen.mean)
-        if how is None:
-            lost = monitor.mostly_large and monitor.one_sided(LOST)
-            return self.limit(self.gate, m) * float(np.median(monitor.excess)) if lost else 1.0
         if how.convergence == "document":
             P_zz = believed.S_z @ believed.S_z.T
             diverged = seen.mean @ seen.mean > how.document_S * np.trace(P_zz)
         else:
             large = monitor.excess[-1] * self.limit(self.gate, m) > self.limit(how.divergence, m)
-            diverged = large and monitor.one_sided(how.jump)
-        return self._fading(seen, believed, monitor, how) if diverged else 1.0
-
-    def _fading(self, seen: Seen, believed: Conditioned, monitor: Monitor, how: Adaptation) -> float:
+            diverged = large and monitor.one_sided(how.jump, JUMP)
+        if not diverged:
+            return 1.0
         assert monitor.V is not None
         whiten = believed.whiten(seen.Z.T)
         return fading_factor(monitor.V, np.eye(len(monitor.V)), whiten @ whiten.T, how.most_fading)
@@ -207,3 +210,16 @@ class Policy:
         if learnt is None:
             return replace(monitor, nonpositive=monitor.nonpositive + 1)
         return replace(monitor, noise=learnt)
+
+
+def explaining(belief: Belief, seen: Seen, innovation: FloatArray) -> tuple[Belief, float]:
+    """The belief grown by the smallest change of state that explains an innovation, and by which factor along it.
+
+    The state errs by S u with unit normal u; the smallest u is g = U^T Z (Z^T Z)^+ v, and I becomes I + g g^T. What the
+    measurement tells nothing of grows no more than it is correlated with what it does.
+    """
+    g = seen.U.T @ (seen.Z @ (np.linalg.pinv(seen.spread, hermitian=True) @ innovation))
+    a = len(g)
+    S = belief.S.copy()
+    S[:, :a] = S[:, :a] @ np.linalg.cholesky(np.eye(a) + np.outer(g, g))
+    return replace(belief, S=S), float(1.0 + g @ g)
