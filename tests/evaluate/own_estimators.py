@@ -1,4 +1,4 @@
-"""Estimators that go wrong, each in its own way: registered in every process that imports this module."""
+"""Estimators that go wrong, each in its own way."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import signal
 import sys
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import numpy as np
 
@@ -16,10 +16,6 @@ from uwgraph.filters import ESTIMATORS, Estimate, EstimatorSettings, Named
 from uwgraph.filters.estimate import Task
 
 Progress = Callable[[str, float], None]
-
-
-class OwnSettings(EstimatorSettings):
-    """As every other; a process that is given one imports this module, and so knows the estimators below."""
 
 
 def killed(task: Task, settings: EstimatorSettings, progress: Progress) -> NoReturn:
@@ -47,6 +43,4 @@ def diverges(task: Task, settings: EstimatorSettings, progress: Progress) -> Est
     return replace(estimate, solution=replace(estimate.solution, p_n=p_n))
 
 
-BAD: dict[str, Any] = {f.__name__: f for f in (killed, leaves, stumbles, refuses, diverges)}
-assert isinstance(ESTIMATORS, dict)
-ESTIMATORS.update({name: Named(f"one that {name}", True, run) for name, run in BAD.items()})
+BAD = {f.__name__: Named(f"one that {f.__name__}", True, f) for f in (killed, leaves, stumbles, refuses, diverges)}

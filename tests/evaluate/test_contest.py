@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from contests import innovations
-from own_estimators import OwnSettings
+from own_estimators import BAD
 
 from uwgraph.dive import Dive
 from uwgraph.errors import ConfigError, InitialisationError, SolveError
@@ -17,12 +17,12 @@ from uwgraph.evaluate.contest import common_stamps, run_contest
 from uwgraph.evaluate.contest_output import comparison
 from uwgraph.evaluate.entries import Contest
 from uwgraph.evaluate.nis import nis_metrics
-from uwgraph.filters import ESTIMATORS, EstimatorSettings, FilterSettings, task_of
+from uwgraph.filters import ESTIMATORS, Estimate, EstimatorSettings, FilterSettings, Named, task_of
 from uwgraph.graph import SmoothSettings
 from uwgraph.plain import json_values
 from uwgraph.simulate import SimulationSettings, simulate
 
-SETTINGS = OwnSettings(filter=FilterSettings(samples_per_step=4))
+SETTINGS = EstimatorSettings(filter=FilterSettings(samples_per_step=4))
 GOOD = ("dr", "eskf", "smooth")
 pytestmark = pytest.mark.slow
 
@@ -42,7 +42,7 @@ def contest(dive: Dive, told: list[tuple[str, float]]) -> Contest:
     """Good ones between bad ones, two at a time."""
     names = ["dr", "killed", "eskf", "stumbles", "diverges", "smooth", "dr"]
     return run_contest(
-        dive, names, SETTINGS, title="made up", jobs=2, progress=lambda what, share: told.append((what, share))
+        dive, names, SETTINGS, title="made up", jobs=2, own=BAD, progress=lambda what, share: told.append((what, share))
     )
 
 
@@ -123,9 +123,15 @@ def test_an_unknown_estimator_is_named_with_those_there_are(dive: Dive) -> None:
         run_contest(dive, [])
 
 
+def test_an_estimator_that_no_other_process_finds_is_refused(dive: Dive) -> None:
+    own = {"mine": Named("mine", True, lambda task, settings, progress: Estimate(None))}  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="does not find the estimator 'mine'"):
+        run_contest(dive, ["mine"], own=own)
+
+
 def test_when_nobody_has_a_result_it_is_an_error(dive: Dive) -> None:
     with pytest.raises(SolveError, match=r"leaves: .* status 3") as failure:
-        run_contest(dive, ["leaves", "refuses"], SETTINGS, jobs=2)
+        run_contest(dive, ["leaves", "refuses"], SETTINGS, jobs=2, own=BAD)
     assert "refuses: x7: the matrix is singular" in str(failure.value)
 
 

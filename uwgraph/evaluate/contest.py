@@ -6,10 +6,11 @@ with it.
 
 from __future__ import annotations
 
+import pickle
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from multiprocessing import get_context, resource_tracker
@@ -27,7 +28,7 @@ from uwgraph.evaluate.align import Alignment
 from uwgraph.evaluate.entries import Contest, Entry
 from uwgraph.evaluate.judge import judge, judging_stamps
 from uwgraph.evaluate.nis import nis_metrics
-from uwgraph.filters import ESTIMATORS, Estimate, EstimatorSettings, task_of
+from uwgraph.filters import ESTIMATORS, Estimate, EstimatorSettings, Named, task_of
 from uwgraph.types import Innovations, Solution, TimeArray
 
 Progress = Callable[[str, float], None]
@@ -51,6 +52,7 @@ def run_contest(
     title: str = "",
     alignment: Alignment = "none",
     jobs: int = 1,
+    own: Mapping[str, Named] | None = None,
     progress: Progress = lambda what, share: None,
 ) -> Contest:
     """Run estimators on a dive and judge each by the dive's reference.
@@ -58,14 +60,17 @@ def run_contest(
     Parameters
     ----------
     names
-        Of :data:`uwgraph.filters.ESTIMATORS`.
+        Of :data:`uwgraph.filters.ESTIMATORS`, or of ``own``.
     jobs
         How many run at a time; more than one makes their runtimes longer.
+    own
+        Estimators of anybody's own by name; their functions stand at the top level of a module or script, where other
+        processes find them.
 
     Raises
     ------
     ConfigError
-        When a name is unknown.
+        When a name is unknown, or another process could not find an estimator.
     DataError, InitialisationError
         When the dive cannot be begun.
     SolveError
@@ -73,15 +78,22 @@ def run_contest(
     """
     settings = settings or EstimatorSettings()
     names = list(dict.fromkeys(names))
-    unknown = [name for name in names if name not in ESTIMATORS]
+    known = {**ESTIMATORS, **(own or {})}
+    unknown = [name for name in names if name not in known]
     if unknown or not names:
-        known = ", ".join(ESTIMATORS)
-        raise ConfigError(f"there is no estimator {', '.join(unknown)!r}", where="estimators", remedy=f"use {known}")
+        problem = f"there is no estimator {', '.join(unknown)!r}" if unknown else "no estimator is named"
+        raise ConfigError(problem, where="estimators", remedy=f"use {', '.join(known)}")
+    for name in names:
+        _refuse_unfindable(name, known[name])
     progress("reading the streams", 0.0)
     stamps = common_stamps(dive, settings)
-    ran = _run_all([(name, dive, settings, stamps) for name in names], jobs, progress)
+    ran = _run_all({name: (known[name], dive, settings, stamps) for name in names}, jobs, progress)
     progress("judging", 1.0)
-    entries = tuple(_judged(dive, name, result, alignment) for name, result in ran.items() if isinstance(result, Ran))
+    entries = tuple(
+        _judged(dive, name, known[name].title, result, alignment)
+        for name, result in ran.items()
+        if isinstance(result, Ran)
+    )
     failed = {name: result for name, result in ran.items() if isinstance(result, str)}
     if not entries:
         raise SolveError("; ".join(f"{name}: {why}" for name, why in failed.items()), where="estimators")
@@ -94,30 +106,41 @@ def common_stamps(dive: Dive, settings: EstimatorSettings) -> TimeArray:
     return keyframes if reference is None else judging_stamps(keyframes, reference.t_ns)
 
 
-def _judged(dive: Dive, name: str, ran: Ran, alignment: Alignment) -> Entry:
+def _refuse_unfindable(name: str, estimator: Named) -> None:
+    try:
+        pickle.dumps(estimator)
+    except (pickle.PicklingError, AttributeError, TypeError):
+        raise ConfigError(
+            f"another process does not find the estimator {name!r}",
+            where="estimators",
+            remedy="put its function at the top level of a module or script",
+        ) from None
+
+
+def _judged(dive: Dive, name: str, title: str, ran: Ran, alignment: Alignment) -> Entry:
     estimate = ran.estimate
     solution = replace(estimate.solution, info={**estimate.solution.info, "runtime_s": ran.runtime_s})
     judged = judge(dive, solution, alignment)
     figures = {**judged.metrics, "memory_mb": ran.memory_mb, **nis_metrics(estimate.innovations)}
-    return Entry(name, ESTIMATORS[name].title, replace(judged, metrics=figures), estimate.innovations)
+    return Entry(name, title, replace(judged, metrics=figures), estimate.innovations)
 
 
-def _run_all(tasks: Sequence[tuple[Any, ...]], jobs: int, progress: Progress) -> dict[str, Ran | str]:
+def _run_all(tasks: Mapping[str, tuple[Any, ...]], jobs: int, progress: Progress) -> dict[str, Ran | str]:
     """What each estimator gave, in the order asked for: a result, or why there is none."""
     context = get_context("spawn")
     waiting = list(tasks)
     done: dict[str, Ran | str] = {}
     running: dict[Connection, tuple[str, SpawnProcess]] = {}
-    shares = {task[0]: 0.0 for task in tasks}
+    shares = dict.fromkeys(tasks, 0.0)
     try:
         while waiting or running:
             while waiting and len(running) < max(jobs, 1):
-                task = waiting.pop(0)
+                name = waiting.pop(0)
                 ours, theirs = context.Pipe()
-                process = context.Process(target=_work, args=(theirs, *task), daemon=True)
+                process = context.Process(target=_work, args=(theirs, *tasks[name]), daemon=True)
                 with _interrupts_later():
                     process.start()
-                    running[ours] = (task[0], process)
+                    running[ours] = (name, process)
                 theirs.close()
             for ready in wait(list(running)):
                 assert isinstance(ready, Connection)
@@ -135,7 +158,7 @@ def _run_all(tasks: Sequence[tuple[Any, ...]], jobs: int, progress: Progress) ->
         for _, process in running.values():
             process.kill()
             process.join()
-    return {task[0]: done[task[0]] for task in tasks}
+    return {name: done[name] for name in tasks}
 
 
 @contextmanager
@@ -175,7 +198,7 @@ def _died(exit_code: int | None) -> str:
     return f"its process ended with status {exit_code} without a result"
 
 
-def _work(results: Connection, name: str, dive: Dive, settings: EstimatorSettings, t_ns: TimeArray) -> None:
+def _work(results: Connection, estimator: Named, dive: Dive, settings: EstimatorSettings, t_ns: TimeArray) -> None:
     """In a process of its own: one estimator, its result or the reason why there is none."""
 
     def tell(what: str, share: float) -> None:
@@ -183,21 +206,21 @@ def _work(results: Connection, name: str, dive: Dive, settings: EstimatorSetting
 
     with suppress(BrokenPipeError):  # nobody is there any more
         try:
-            results.send(_ran(name, dive, settings, t_ns, tell))
+            results.send(_ran(estimator, dive, settings, t_ns, tell))
         except UwgraphError as error:
             results.send(str(error))
         except Exception as error:
             results.send(f"{type(error).__name__}: {error}")
 
 
-def _ran(name: str, dive: Dive, settings: EstimatorSettings, t_ns: TimeArray, tell: Progress) -> Ran:
+def _ran(estimator: Named, dive: Dive, settings: EstimatorSettings, t_ns: TimeArray, tell: Progress) -> Ran:
     from uwgraph.filters.kernels import compile_all
 
     task = task_of(dive, settings.smooth, t_ns)
     tell("compiling", 0.0)
     compile_all()
     started = time.perf_counter()
-    estimate = ESTIMATORS[name].run(task, settings, tell)
+    estimate = estimator.run(task, settings, tell)
     seconds = time.perf_counter() - started
     if not _finite(estimate.solution, estimate.innovations):
         raise SolveError("it diverged: its states are not finite")
