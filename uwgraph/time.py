@@ -47,7 +47,8 @@ def from_text(text: str, unit_ns: int = NS) -> int:
         When it is no number, or too large for int64 nanoseconds.
     """
     try:
-        ns = (Decimal(text) * unit_ns).to_integral_value()
+        # Decimal takes underscores between digits, as Python's source does
+        ns = (Decimal(text.replace("_", "?")) * unit_ns).to_integral_value()
         # before int(), which takes for ever on 1e999999999
         if abs(ns) < 1 << 62:
             return int(ns)

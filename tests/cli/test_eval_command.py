@@ -79,6 +79,13 @@ def test_people_see_the_count_and_the_drift(pair: tuple[Path, Path]) -> None:
     assert "taken as NED" in done.stderr
 
 
+@pytest.mark.parametrize("distance", ["0", "-5", "inf", "nan"])
+def test_a_distance_that_nobody_travels(pair: tuple[Path, Path], distance: str) -> None:
+    done = run("eval", *pair, "--distance", distance)
+    assert done.returncode == 2
+    assert done.stdout == ""
+
+
 def test_evo_ape_says_the_same(pair: tuple[Path, Path]) -> None:
     estimate, reference = pair
     agree(figures(*pair), evo("evo_ape", reference, estimate))

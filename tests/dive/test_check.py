@@ -185,6 +185,13 @@ DEFECTS: dict[str, tuple[Callable[[Dive], Dive], str, str, str, str]] = {
     ),
     "no IMU": (lambda d: replace(d, imu=None), "error", "imu", "presence", "smoothed"),
     "no DVL": (lambda d: replace(d, dvl=None, fixes=None), "warning", "dvl", "presence", ""),
+    "one pose": (
+        lambda d: replace(d, reference=d.reference.select(slice(0, 1))),
+        "warning",
+        "reference",
+        "presence",
+        "the whole of it",
+    ),
     "no heading": (lambda d: replace(d, sun=None, heading=None, fixes=None), "info", "heading", "presence", ""),
 }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 from pathlib import Path
 
 import numpy as np
@@ -60,7 +61,7 @@ def test_stamps_as_text_are_exact(t_ns: int, unit_ns: int) -> None:
     assert from_text(f"{t_ns}e-9") == t_ns
 
 
-@pytest.mark.parametrize("text", ["", "nan", "inf", "1e30", "1e999999999", "12:00", "1.2.3"])
+@pytest.mark.parametrize("text", ["", "nan", "inf", "1e30", "1e999999999", "12:00", "1.2.3", "1_000.0"])
 def test_what_is_no_time(text: str) -> None:
     with pytest.raises(ValueError, match="no time"):
         from_text(text)
@@ -193,7 +194,8 @@ LINES = TUM.splitlines(keepends=True)
         ("# head\n\n" + LINES[1] + LINES[0], ("line 4", "does not come after", "sort")),
         (LINES[0] + LINES[0], ("line 2", "does not come after")),
         (b"\x89PNG\r\n\x1a\n" + bytes(range(256)), ("line", "no text")),
-        (TUM.encode("utf-16"), ("line 1", "no text")),
+        (TUM.encode("utf-16"), ("UTF-16", "UTF-8")),
+        (gzip.compress(TUM.encode()), ("gzip", "unpack")),
         (TUM.encode()[:500] + b"\0" * 500, ("no text",)),
         (b"1 1 1 1 0 0 0 1\n" * 3, ("line 2", "come after")),
         ("1 0 0 0 1 0 0 0 1 0 0 0\n", ("12 columns instead of 8",)),

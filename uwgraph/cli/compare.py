@@ -92,6 +92,8 @@ def compare(
     else:
         _tell(contest, str(dive))
         note(f"results in {out}: open {out / 'report.html'} in a browser")
+    if "matched" not in contest.entries[0].judged.metrics and alignment != "none":
+        note(f"--align {alignment}: there is no reference to align with")
     for name, why in contest.failed.items():
         note(f"{name} gave no result: {why}")
     if contest.failed:

@@ -71,7 +71,11 @@ def eval_(
     distances: Annotated[
         list[float] | None,
         typer.Option(
-            "--distance", metavar="M", min=1e-6, help="Drift (RPE) over so many metres travelled; may be repeated."
+            "--distance",
+            metavar="M",
+            min=1e-6,
+            max=1e9,
+            help="Drift (RPE) over so many metres travelled; may be repeated.",
         ),
     ] = None,
     plot: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Draw the track and the errors.")] = None,

@@ -26,6 +26,14 @@ MAX_METRES: Final = 1e8
 UNIT_WITHIN: Final = 0.01
 """How far from 1 the length of a quaternion may be: four decimals are enough."""
 
+PACKED: Final = {
+    b"\x1f\x8b": "a gzip file",
+    b"PK\x03\x04": "a zip file",
+    b"\xff\xfe": "UTF-16 text",
+    b"\xfe\xff": "UTF-16 text",
+}
+"""What files begin with that are often taken for text."""
+
 _COMMENT: Final = re.compile(rb"^[ \t]*#.*$", re.MULTILINE)
 _FRAMES: Final = re.compile(r"# ([A-Z]{3}) world, ([A-Z]{3})\b[^;]*body")
 _ORIGIN: Final = re.compile(r"origin (-?[\d.]+) N, (-?[\d.]+) E")
@@ -109,6 +117,11 @@ def read_bytes(path: Path) -> bytes:
 
 
 def _damaged(path: Path, text: bytes, at: int) -> DataError:
+    for mark, what in PACKED.items():
+        if text.startswith(mark):
+            return DataError(
+                f"this is {what}, not plain text", where=str(path), remedy="unpack it, or save it as UTF-8"
+            )
     line = text.count(b"\n", 0, at) + 1
     return DataError(f"line {line} is no text", where=str(path), remedy="is it the right file, and a whole copy of it?")
 

@@ -32,6 +32,9 @@ def check_presence(dive: Dive) -> Iterator[Finding]:
         message = "magnetic, and rig.heading.declination_deg is not set: smoothing refuses it"
         remedy = "set the declination of place and year in dive.yaml, or take heading off the list of streams"
         yield Finding("error", "heading", "presence", message, remedy)
+    if dive.reference is not None and len(dive.reference) < 2:
+        message = "a single pose: nothing is judged by it"
+        yield Finding("warning", "reference", "presence", message, "export the whole of it, or leave it out")
     if dive.sun is None and dive.heading is None and dive.fixes is None:
         message = "missing, like sun and fixes: heading drifts with the gyro, and its start must be given"
         yield Finding("info", "heading", "presence", message)
