@@ -7,11 +7,15 @@ the velocity u, v, w along the levelled axes of the vehicle (forward, starboard,
 
 n is taken for flat and level: at 1 km from the origin it is 8 cm above the sea surface, at 10 km 8 m. The heading is
 unwrapped, residuals wrap.
+
+Where the log is lost the last velocity goes on, and errs by a random walk since: its integral's variance grows as
+white noise's of the density walk * age would let it. That noise is what the model takes, so that it needs no state for
+the velocity; a fix does not correct the velocity, and so the position's sigma grows too fast after it, never too slow.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -40,19 +44,36 @@ class InputNoise(Settings):
     rate_bias_sigma: NonNegative = 0.0
     """rad/s, at the start."""
     velocity_bias_walk: NonNegative = 0.0
-    """m/s/sqrt(s)."""
+    """m/s/sqrt(s) per axis."""
+    sinking_bias_walk: NonNegative = 0.0
+    """m/s/sqrt(s), beside it: speed that a wrong tilt turns into sinking."""
     rate_bias_walk: NonNegative = 0.0
     """rad/s/sqrt(s)."""
+    velocity_walk: NonNegative = 0.1
+    """m/s/sqrt(s) per axis: how fast the vehicle changes the velocity that nobody measures."""
 
     @property
     def biased(self) -> bool:
         """Whether biases are in the state."""
-        return any((self.velocity_bias_sigma, self.rate_bias_sigma, self.velocity_bias_walk, self.rate_bias_walk))
+        return any((self.velocity_bias_sigma, self.rate_bias_sigma, *np.diag(self.bias_walk)))
+
+    @property
+    def bias_walk(self) -> FloatArray:
+        """Density's root of the biases' walk, shape (4, 4)."""
+        sinking = np.hypot(self.velocity_bias_walk, self.sinking_bias_walk)
+        return np.diag([self.velocity_bias_walk, self.velocity_bias_walk, sinking, self.rate_bias_walk])
 
     @property
     def root(self) -> FloatArray:
         """Root of the white noise's spectral density, shape (4, 4)."""
         return _per_input(self.velocity_density, self.rate_density)
+
+    def aged(self, root: FloatArray, age_s: float) -> FloatArray:
+        """The root of a density where the velocity is as old as that."""
+        if age_s == 0.0:
+            return root
+        walked = _per_input(self.velocity_walk * age_s, 0.0)
+        return np.asarray(np.linalg.cholesky(root @ root.T + walked**2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +82,16 @@ class Inputs(Stream):
 
     u: FloatArray
     """Forward, starboard and down velocity in levelled axes [m/s], rate of the heading [rad/s], shape (N, 4)."""
+    age_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    """How old the velocity is at most; zero, also where left out, for what the log tells, shape (N,)."""
 
     def __post_init__(self) -> None:
+        if not len(self.age_s):
+            object.__setattr__(self, "age_s", np.zeros(len(self.t_ns)))
+        if self.age_s.shape != self.t_ns.shape or not np.all((self.age_s >= 0.0) & np.isfinite(self.age_s)):
+            raise DataError(
+                "ages are not negative and of shape (N,)", where="inputs", remedy="zero where it is measured"
+            )
         if self.u.shape != (len(self.t_ns), 4) or not np.all(np.isfinite(self.u)):
             raise DataError("inputs are finite and of shape (N, 4)", where="inputs", remedy="leave out broken samples")
         if np.any(np.diff(self.t_ns) <= 0):
@@ -137,8 +166,7 @@ class Kinematic:
         rows = np.zeros((self.size, self.size))
         rows[:VEHICLE, :VEHICLE] = (self.by_inputs(psi, dt, u) @ root).T / np.sqrt(dt)
         if self.noise.biased:
-            walk = _per_input(self.noise.velocity_bias_walk, self.noise.rate_bias_walk)
-            rows[VEHICLE:, VEHICLE:] = np.sqrt(dt) * walk
+            rows[VEHICLE:, VEHICLE:] = np.sqrt(dt) * self.noise.bias_walk
         return rows
 
 

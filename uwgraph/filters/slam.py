@@ -141,8 +141,8 @@ class Slam:
             for node, at in ((node, self.places.at(k)) for k, node in enumerate(self.places.nodes))
         )
 
-    def advance(self, t_ns: int, u: FloatArray) -> None:
-        """On to a moment with constant inputs, shape (4,)."""
+    def advance(self, t_ns: int, u: FloatArray, age_s: float = 0.0) -> None:
+        """On to a moment with constant inputs, shape (4,), whose velocity is so old."""
         belief, dt = self.belief, (t_ns - self.belief.t_ns) * 1e-9
         if dt < 0.0:
             raise DataError("time runs backwards", where=f"inputs at {t_ns}", remedy="sort inputs and measurements")
@@ -150,7 +150,8 @@ class Slam:
             return
         self._close_epoch()
         u = u + self.system.mean
-        rows = self._model.noise_rows(float(belief.x.y[PSI]), dt, u, self.system.root)
+        root = self.settings.inputs.aged(self.system.root, age_s)
+        rows = self._model.noise_rows(float(belief.x.y[PSI]), dt, u, root)
         rows = np.pad(rows, ((0, 0), (0, belief.x.size - rows.shape[1])))
         moved = part.predict(belief, t_ns, self._model.size, lambda x: self._model.move(x, dt, u), rows, self._spread)
         self.places = replace(self.places, belief=moved)
@@ -173,12 +174,13 @@ class Slam:
         pending = sorted((m for m in measured if m.t_ns > self.belief.t_ns), key=lambda m: m.t_ns)
         inputs = inputs.select(inputs.t_ns > self.belief.t_ns)
         y, cov, done = np.empty((len(inputs), VEHICLE)), np.empty((len(inputs), VEHICLE, VEHICLE)), 0
-        for k, (t_ns, u) in enumerate(zip(inputs.t_ns.tolist(), inputs.u, strict=True)):
+        each = zip(inputs.t_ns.tolist(), inputs.u, inputs.age_s.tolist(), strict=True)
+        for k, (t_ns, u, age_s) in enumerate(each):
             while done < len(pending) and pending[done].t_ns <= t_ns:
-                self.advance(pending[done].t_ns, u)
+                self.advance(pending[done].t_ns, u, age_s)
                 self.take(pending[done])
                 done += 1
-            self.advance(t_ns, u)
+            self.advance(t_ns, u, age_s)
             S = self.belief.S[:VEHICLE]
             y[k], cov[k] = self.belief.x.y[:VEHICLE], S @ S.T
         return SlamResult(inputs.t_ns, y, cov, self.nodes(), tuple(self.sighted), tuple(self.judged))
