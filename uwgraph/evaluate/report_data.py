@@ -55,14 +55,14 @@ def page_data(contest: Contest, courses: Sequence[Course], found: Sequence[Direc
 
 
 def rounded(values: FloatArray, decimals: int | None = None) -> list[float | None]:
-    """Values as JSON takes them: four digits of the largest unless told otherwise, None for what is not finite."""
+    """Values as JSON takes them: four digits of each unless told otherwise, None for what is not finite."""
     values = np.asarray(values, dtype=np.float64)
-    finite = np.isfinite(values)
     if decimals is None:
-        largest = np.abs(values[finite]).max(initial=0.0)
-        decimals = int(np.clip(3 - np.floor(np.log10(largest)), 0, 9)) if largest > 0.0 else 0
-    plain = np.round(values, decimals) + 0.0  # no minus zero
-    return [value if known else None for value, known in zip(plain.tolist(), finite.tolist(), strict=True)]
+        short = [float(f"{value:.4g}") for value in values.tolist()]
+    else:
+        short = np.round(values, decimals).tolist()
+    # plus zero: no minus zero
+    return [value + 0.0 if known else None for value, known in zip(short, np.isfinite(values).tolist(), strict=True)]
 
 
 def _track(course: Course) -> dict[str, Any]:
