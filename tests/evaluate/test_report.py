@@ -16,6 +16,7 @@ from hand_made import START, truth
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from matplotlib.figure import Figure
 
 from uwgraph.errors import DataError
 from uwgraph.evaluate import judge
@@ -352,6 +353,22 @@ def test_pictures(tmp_path: Path) -> None:
         assert path.stat().st_size > 15_000
     silent = replace(made, entries=tuple(replace(each, innovations=None) for each in made.entries))
     assert [path.name for path in contest_plots(silent, tmp_path)] == ["track.png", "errors.png"]
+
+
+def test_pictures_name_all_that_they_draw(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A filter without innovations of the first sensor is in the keys too, and its panel says why it is empty."""
+    made = contest({"eskf": 2.0, "ukf": 1.0})
+    told = made.entries[1].innovations
+    assert told is not None
+    depth_only = replace(made.entries[1], innovations=told.select(told.kind == "depth"))
+    drawn: list[Figure] = []
+    save = Figure.savefig
+    monkeypatch.setattr(Figure, "savefig", lambda self, *a, **k: (drawn.append(self), save(self, *a, **k)))
+    contest_plots(replace(made, entries=(made.entries[0], depth_only)), tmp_path)
+    for picture in drawn[1:]:
+        assert [text.get_text() for text in picture.legends[0].get_texts()] == ["eskf", "ukf"]
+    empty = next(axes for axes in drawn[2].axes if axes.get_title(loc="left") == "ukf: dvl")
+    assert [text.get_text() for text in empty.texts] == ["no innovations"]
 
 
 def test_the_page_is_written_whole_or_not_at_all(tmp_path: Path) -> None:

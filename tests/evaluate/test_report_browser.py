@@ -296,6 +296,39 @@ def test_on_a_phone_nothing_overflows_and_a_finger_reads_out(page: Browser) -> N
         page.tell("Emulation.setTouchEmulationEnabled", enabled=False)
 
 
+TICKS = """
+return [...document.querySelectorAll("#errors figure, #innovations figure")]
+  .map((f) => f.querySelectorAll("svg text[text-anchor=end]").length);
+"""
+
+
+@pytest.mark.parametrize("width", [390, 1400])
+def test_every_scale_can_be_read(page: Browser, width: int) -> None:
+    """One tick or two do not make a scale."""
+    page.tell("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=width < 500)
+    page.driver.refresh()
+    assert min(page.run(TICKS)) >= 3
+
+
+def test_a_table_cut_off_says_so_until_its_end_is_seen(page: Browser) -> None:
+    page.tell("Emulation.setDeviceMetricsOverride", width=700, height=900, deviceScaleFactor=1, mobile=False)
+    page.driver.refresh()
+    hint = page.find("#figures .hint")
+    assert "scroll" in hint.text
+    page.driver.execute_async_script(
+        "const b = document.querySelector('#figures .scroll');"
+        "b.addEventListener('scroll', () => setTimeout(arguments[0]));"
+        "b.scrollLeft = b.scrollWidth;"
+    )
+    assert not hint.is_displayed()
+
+
+def test_fading_is_counted_beside_its_drawing(page: Browser) -> None:
+    figure = page.all("#innovations figure")[-1]
+    assert figure.find_elements(By.CSS_SELECTOR, ".stems")
+    assert re.search(r"aukf: at \d+ of \d+ measurements, up to 4", figure.text)
+
+
 def test_it_is_dark_where_the_reader_is_and_light_on_paper(page: Browser) -> None:
     ink = (
         "const css = (q) => getComputedStyle(document.querySelector(q)); return [css('body').color, css('.c0').stroke]"

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from uwgraph.atomic import atomic_file
 from uwgraph.evaluate.entries import Contest
@@ -98,7 +99,7 @@ def _errors(runs: Sequence[Course], names: Sequence[str], styles: Sequence[Style
         axes.set_title(_beyond(runs, names, column, limit), loc="right", fontsize=8)
         axes.grid(alpha=0.3)
     panels[0].set_title("errors and 3 sigma" if judged else "3 sigma (no reference)", loc="left", fontsize=10)
-    panels[0].legend(loc="upper left", ncols=len(names), fontsize=8, framealpha=0.9)
+    _key(picture, names, styles)
     panels[-1].set_xlabel("time [min]")
     picture.align_ylabels(panels)
     return picture
@@ -114,26 +115,36 @@ def _innovations(told: Told, names: Sequence[str], styles: Sequence[Style]) -> F
     """A row a sensor: for every filter its innovations in stated sigmas, and last the running NIS of all."""
     kinds, filters = _kinds(told), [i for i, mine in enumerate(told) if mine]
     columns = len(filters) + 1
-    picture = Figure(figsize=(3.2 * columns + 1.0, 2.3 * len(kinds) + 0.8), layout="constrained")
+    picture = Figure(figsize=(3.2 * columns + 1.0, 2.3 * len(kinds) + 1.1), layout="constrained")
     grid = picture.subplots(len(kinds), columns, squeeze=False, sharex=True)
     for row, kind in zip(grid, kinds, strict=True):
         for axes, i in zip(row, filters, strict=False):
             history = told[i].get(kind)
-            if history is not None:
+            if history is None:
+                _nothing(axes)
+            else:
                 _dots(axes, history, styles[i])
             axes.set_title(f"{names[i]}: {_plain(kind)}", loc="left", fontsize=9)
         for i in filters:
             history = told[i].get(kind)
             if history is not None and history.running is not None:
-                row[-1].semilogy(history.running.t_s / 60.0, history.running.nis, lw=1.0, label=names[i], **styles[i])
+                row[-1].semilogy(history.running.t_s / 60.0, history.running.nis, lw=1.0, **styles[i])
                 for bound in history.running.bounds:
                     row[-1].axhline(bound, color=GREY, lw=0.7, ls=":")
         row[-1].set_title(f"running NIS: {_plain(kind)}", fontsize=9)
+        row[-1].yaxis.set_major_formatter("{x:g}")
+        row[-1].yaxis.set_minor_formatter("{x:g}")
         row[0].set_ylabel("stated sigmas")
     for axes in grid[-1]:
         axes.set_xlabel("time [min]")
-    _legend(grid[0, -1])
+    _key(picture, [names[i] for i in filters], [styles[i] for i in filters])
     return picture
+
+
+def _nothing(axes: Axes) -> None:
+    """A filter that compares nothing with this sensor (one is driven by it); its time axis stays for those above."""
+    axes.set_yticks([])
+    axes.text(0.5, 0.5, "no innovations", transform=axes.transAxes, ha="center", va="center", color=GREY, size=9)
 
 
 def _dots(axes: Axes, history: History, style: Style) -> None:
@@ -157,14 +168,13 @@ def _dots(axes: Axes, history: History, style: Style) -> None:
 def _noise(told: Told, names: Sequence[str], styles: Sequence[Style]) -> Figure:
     """A row a sensor: the 1-sigma that the filters believed over the stated one; and last the fading factor."""
     kinds = _kinds(told)
-    picture = Figure(figsize=(11, 1.9 * (len(kinds) + 1) + 0.8), layout="constrained")
+    picture = Figure(figsize=(11, 1.9 * (len(kinds) + 1) + 1.1), layout="constrained")
     panels: Sequence[Axes] = picture.subplots(len(kinds) + 1, 1, sharex=True)
     for axes, kind in zip(panels, kinds, strict=False):
-        for mine, name, style in zip(told, names, styles, strict=True):
+        for mine, style in zip(told, styles, strict=True):
             if kind in mine:
                 minutes, noise = mine[kind].t_s / 60.0, mine[kind].of.noise[:, : mine[kind].axes]
-                for axis, value in enumerate(noise.T):
-                    axes.plot(minutes, value, lw=1.1, label=name if axis == 0 else None, **style)
+                axes.plot(minutes, noise, lw=1.1, **style)
         axes.set_title(f"{_plain(kind)}: believed over stated sigma, each axis", loc="left", fontsize=9)
     for mine, style in zip(told, styles, strict=True):
         for history in mine.values():
@@ -173,7 +183,8 @@ def _noise(told: Told, names: Sequence[str], styles: Sequence[Style]) -> Figure:
     panels[-1].set_xlabel("time [min]")
     for axes in panels:
         axes.grid(alpha=0.3)
-    _legend(panels[0])
+    filters = [i for i, mine in enumerate(told) if mine]
+    _key(picture, [names[i] for i in filters], [styles[i] for i in filters])
     return picture
 
 
@@ -181,6 +192,7 @@ def _kinds(told: Told) -> list[str]:
     return list(dict.fromkeys(kind for mine in told for kind in mine))
 
 
-def _legend(axes: Axes) -> None:
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc="best", fontsize=7, framealpha=0.9)
+def _key(picture: Figure, names: Sequence[str], styles: Sequence[Style]) -> None:
+    """All that are drawn in a picture, above its panels: in none of these need all of them be."""
+    lines = [Line2D([], [], lw=1.5, **style) for style in styles]
+    picture.legend(lines, names, loc="outside upper right", ncols=6, fontsize=8, frameon=False)

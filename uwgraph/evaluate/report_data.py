@@ -25,6 +25,8 @@ REFUSED = 400
 LEVELS = 400
 """Drawn of anything smooth: running means, distributions."""
 ELLIPSES = 24
+MILLI = 3
+"""Decimals of places and times: zoomed in, a centimetre or 0.1 s are steps."""
 
 
 def page_data(contest: Contest, courses: Sequence[Course], found: Sequence[Directions]) -> dict[str, Any]:
@@ -62,16 +64,16 @@ def rounded(values: FloatArray, decimals: int | None = None) -> list[float | Non
     else:
         short = np.round(values, decimals).tolist()
     # plus zero: no minus zero
-    return [value + 0.0 if known else None for value, known in zip(short, np.isfinite(values).tolist(), strict=True)]
+    return [value + 0.0 if known else None for value, known in zip(short, np.isfinite(short).tolist(), strict=True)]
 
 
 def _track(course: Course) -> dict[str, Any]:
     rows = peaks(course.error if course.comparison is not None else course.sigma, INSTANTS)
     solution = course.solution
     return {
-        "t": rounded(course.t_s[rows], 2),
-        "east": rounded(solution.p_n[rows, 1], 2),
-        "north": rounded(solution.p_n[rows, 0], 2),
+        "t": rounded(course.t_s[rows], MILLI),
+        "east": rounded(solution.p_n[rows, 1], MILLI),
+        "north": rounded(solution.p_n[rows, 0], MILLI),
         "error": [rounded(column) for column in course.error[rows].T] if course.comparison is not None else None,
         "sigma": [rounded(column) for column in course.sigma[rows].T] if np.isfinite(course.sigma).any() else None,
         "ellipses": _ellipses(course),
@@ -92,7 +94,7 @@ def _ellipses(course: Course) -> list[list[float | None]]:
     half = 3.0 * np.sqrt(np.maximum(variance, 0.0))
     angle = np.degrees(np.arctan2(axes[:, 0, 0], axes[:, 1, 0]))
     place = course.solution.p_n[rows]
-    return [rounded(row, 3) for row in np.column_stack([place[:, 1], place[:, 0], half, angle])]
+    return [rounded(row, MILLI) for row in np.column_stack([place[:, 1], place[:, 0], half, angle])]
 
 
 def _closures(solution: Solution, verdicts: ClosureVerdicts | None) -> list[list[float | None]]:
@@ -102,7 +104,7 @@ def _closures(solution: Solution, verdicts: ClosureVerdicts | None) -> list[list
     kept = verdicts.select(verdicts.accepted)
     kept = kept.select(evenly(len(kept), LEVELS))
     ends = [np.interp(t, solution.t_ns, solution.p_n[:, axis]) for t in (kept.from_ns, kept.t_ns) for axis in (1, 0)]
-    return [rounded(row, 2) for row in np.column_stack(ends)]
+    return [rounded(row, MILLI) for row in np.column_stack(ends)]
 
 
 def _distribution(horizontal: FloatArray) -> dict[str, Any] | None:
@@ -120,11 +122,11 @@ def _history(history: History) -> dict[str, Any]:
     rows = np.union1d(evenly(len(of), MEASUREMENTS), refused[evenly(len(refused), REFUSED)])
     levels = evenly(len(of), LEVELS)
     return {
-        "t": rounded(history.t_s[rows], 2),
+        "t": rounded(history.t_s[rows], MILLI),
         "whitened": [rounded(column) for column in of.whitened[rows, :axes].T],
         "refused": [int(refused) for refused in ~of.accepted[rows]],
         "running": _running(history),
-        "noise_t": rounded(history.t_s[levels], 1),
+        "noise_t": rounded(history.t_s[levels], MILLI),
         "noise": [rounded(column) for column in of.noise[levels, :axes].T],
         "measurements": len(of),
         "refusals": history.refused,
@@ -137,7 +139,7 @@ def _running(history: History) -> dict[str, Any] | None:
         return None
     rows = peaks(running.nis, LEVELS)
     return {
-        "t": rounded(running.t_s[rows], 1),
+        "t": rounded(running.t_s[rows], MILLI),
         "nis": rounded(running.nis[rows]),
         "window": running.window,
         "bounds": list(running.bounds),
@@ -147,9 +149,15 @@ def _running(history: History) -> dict[str, Any] | None:
 def _fading(innovations: Innovations | None, start: int) -> dict[str, Any] | None:
     if innovations is None or not (innovations.fading > 1.0).any():
         return None
-    innovations = innovations.select(np.argsort(innovations.t_ns, kind="stable"))
-    rows = peaks(innovations.fading, INSTANTS)
-    return {"t": rounded(seconds(innovations.t_ns[rows], start), 2), "factor": rounded(innovations.fading[rows])}
+    faded = innovations.select(innovations.fading > 1.0)
+    faded = faded.select(np.argsort(faded.t_ns, kind="stable"))
+    rows = peaks(faded.fading, INSTANTS)
+    return {
+        "t": rounded(seconds(faded.t_ns[rows], start), MILLI),
+        "factor": rounded(faded.fading[rows]),
+        "times": len(faded),
+        "measurements": len(innovations),
+    }
 
 
 def _reference(courses: Sequence[Course]) -> dict[str, Any] | None:
@@ -160,7 +168,11 @@ def _reference(courses: Sequence[Course]) -> dict[str, Any] | None:
     comparison, course = max(asked, key=lambda pair: int(pair[0].truth.has_position.sum()))
     rows = evenly(len(course.t_s), INSTANTS)
     p_n = comparison.truth.p_n[rows]
-    return {"t": rounded(course.t_s[rows], 2), "east": rounded(p_n[:, 1], 2), "north": rounded(p_n[:, 0], 2)}
+    return {
+        "t": rounded(course.t_s[rows], MILLI),
+        "east": rounded(p_n[:, 1], MILLI),
+        "north": rounded(p_n[:, 0], MILLI),
+    }
 
 
 def _fixes(contest: Contest, start: int) -> dict[str, Any] | None:
@@ -171,9 +183,9 @@ def _fixes(contest: Contest, start: int) -> dict[str, Any] | None:
     height = np.nan_to_num(fixes.height)
     p_n = ned_from_geodetic(contest.dive.origin, fixes.lat, fixes.lon, height)
     return {
-        "t": rounded(seconds(fixes.t_ns, start), 2),
-        "east": rounded(p_n[:, 1], 2),
-        "north": rounded(p_n[:, 0], 2),
+        "t": rounded(seconds(fixes.t_ns, start), MILLI),
+        "east": rounded(p_n[:, 1], MILLI),
+        "north": rounded(p_n[:, 0], MILLI),
     }
 
 
@@ -183,7 +195,7 @@ def _sun(contest: Contest, start: int) -> list[float | None]:
     if sun is None or not (sun.flags == 0).any():
         return []
     good = sun.t_ns[sun.flags == 0] + contest.dive.rig.sun.time_offset_ns
-    return rounded(seconds(good[evenly(len(good), LEVELS // 4)], start), 2)
+    return rounded(seconds(good[evenly(len(good), LEVELS // 4)], start), MILLI)
 
 
 def _direction(found: Directions, start: int) -> dict[str, Any]:
@@ -191,6 +203,6 @@ def _direction(found: Directions, start: int) -> dict[str, Any]:
     return {
         "name": found.name,
         "sigma": json_values(found.sigma_deg),
-        "t": rounded(seconds(found.t_ns[rows], start), 2),
+        "t": rounded(seconds(found.t_ns[rows], start), MILLI),
         "residual": [rounded(residual[rows]) for residual in found.residual_deg],
     }

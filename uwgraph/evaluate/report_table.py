@@ -86,9 +86,13 @@ def table(contest: Contest, columns: Sequence[Column], swatches: Sequence[str]) 
     return scrolling("table of figures", body)
 
 
+MORE = "more columns: scroll sideways →"
+
+
 def scrolling(label: str, table: str) -> str:
-    """A box in which a wide table scrolls, by keys too."""
-    return f'<div class="scroll" tabindex="0" role="region" aria-label="{label}">{table}</div>'
+    """A box in which a wide table scrolls, by keys too; the script shows the hint while there is more to the right."""
+    hint = f'<p class="hint small" aria-hidden="true">{MORE}</p>'
+    return f'{hint}<div class="scroll" tabindex="0" role="region" aria-label="{label}">{table}</div>'
 
 
 def _td(cell: Cell) -> str:

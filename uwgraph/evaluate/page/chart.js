@@ -24,20 +24,31 @@ function figure(value) {
   return String(+value.toPrecision(size >= 1000 ? 4 : 3)).replace("-", "−");
 }
 
-// Round numbers from low to high, about `count` of them.
+// Round numbers from low to high, about `count` of them, and three at least: one or two do not make a scale.
 function ticks(low, high, count, steps = [1, 2, 5, 10]) {
   const rough = (high - low) / count;
   const power = 10 ** Math.floor(Math.log10(rough));
-  const step = power * steps.find((s) => s * power >= rough * 0.999);
-  const first = Math.ceil(low / step - 1e-9);
-  return Array.from({ length: Math.max(0, Math.floor(high / step + 1e-9) - first + 1) }, (_, i) => (first + i) * step);
+  const finer = [power / 10, power].flatMap((p) => steps.map((s) => s * p));
+  const round = finer.findIndex((step) => step >= rough * 0.999);
+  const marks = (step) => {
+    const first = Math.ceil(low / step - 1e-9);
+    return Array.from({ length: Math.max(0, Math.floor(high / step + 1e-9) - first + 1) }, (_, i) => (first + i) * step);
+  };
+  return finer.slice(0, round + 1).reverse().map(marks).find((found) => found.length >= 3) || [];
 }
 
-function logTicks(low, high) {
+// Marks as people write them: to the digit in which they differ.
+function tickText(marks) {
+  const decimals = Math.max(0, -Math.floor(Math.log10(marks[1] - marks[0]) + 1e-9));
+  return (value) => (decimals > 4 ? figure(value) : String(+value.toFixed(decimals)).replace("-", "−"));
+}
+
+function logTicks(low, high, count) {
   const all = [];
   for (let power = Math.floor(Math.log10(low)); power <= Math.ceil(Math.log10(high)); power++)
     for (const s of [1, 2, 5]) all.push(s * 10 ** power);
   const inside = all.filter((v) => v >= low * 0.999 && v <= high * 1.001);
+  if (inside.length < 3) return ticks(low, high, count);
   return inside.length > 7 ? inside.filter((v) => String(v.toExponential())[0] === "1") : inside;
 }
 
@@ -45,7 +56,8 @@ function logTicks(low, high) {
 function timeTicks(low, high, count) {
   const unit = high - low > 180 ? 60 : 1;
   const marks = ticks(low / unit, high / unit, count, unit === 60 ? [1, 2, 3, 5, 10] : [1, 2, 5, 10]);
-  return { marks: marks.map((v) => v * unit), text: (t) => figure(t / unit), label: unit === 60 ? "time [min]" : "time [s]" };
+  const text = tickText(marks);
+  return { marks: marks.map((v) => v * unit), text: (t) => text(t / unit), label: unit === 60 ? "time [min]" : "time [s]" };
 }
 
 function clock(t) {
@@ -101,6 +113,7 @@ const SHAPES = {
   dot: (x, y) => `M${x - 1.7} ${y}a1.7 1.7 0 1 0 3.4 0a1.7 1.7 0 1 0 -3.4 0`,
   square: (x, y) => `M${x - 1.6} ${y - 1.6}h3.2v3.2h-3.2z`,
   triangle: (x, y) => `M${x} ${y - 2.2}l2.1 3.8h-4.2z`,
+  disc: (x, y) => `M${x - 4} ${y}a4 4 0 1 0 8 0a4 4 0 1 0 -8 0`,
   cross: (x, y) => `M${x - 3} ${y - 3}l6 6m-6 0l6 -6`,
 };
 
@@ -111,9 +124,16 @@ function dotsPath(xs, ys, X, Y, [from, to], shape, keep) {
   return d;
 }
 
+// Lines that stand on y = foot.
+function stemsPath(xs, ys, foot, X, Y, [from, to]) {
+  let d = "";
+  for (let i = from; i <= to; i++) if (ys[i] !== null) d += `M${X(xs[i]).toFixed(1)} ${Y(foot).toFixed(1)}V${Y(ys[i]).toFixed(1)}`;
+  return d;
+}
+
 // A panel. `spec` says what to draw, anew at every draw():
-//   {x: {domain, log, time, label}, y: {domain, log}, rules: [{y, kind}], note,
-//    series: [{name, colour, dash, x, y, band, kind: line|dots, shape, keep, strong, value(i)}]}
+//   {x: {domain, log, time, label}, y: {domain, log}, rules: [{y, kind}], note (text, or elements),
+//    series: [{name, colour, dash, x, y, band, kind: line|dots|crosses, foot, shape, keep, strong, value(i)}]}
 class Panel {
   constructor(host, spec, interaction) {
     Object.assign(this, { host, spec });
@@ -143,13 +163,13 @@ class Panel {
     this.cursor = svg("path", { class: "cursor", d: `M0 ${inner.y}v${inner.height}`, visibility: "hidden" });
     this.selection = svg("rect", { class: "selection", y: inner.y, height: inner.height, visibility: "hidden" });
     this.svg.append(plane, this.cursor, this.selection);
-    this.note.textContent = spec.note || "";
+    this.note.replaceChildren(...[spec.note || []].flat());
   }
 
   axes(spec, inner, X, Y) {
     const across = spec.x.time ? timeTicks(...spec.x.domain, inner.width / 80)
-      : { marks: spec.x.log ? logTicks(...spec.x.domain) : ticks(...spec.x.domain, inner.width / 80), text: figure, label: spec.x.label };
-    const up = spec.y.log ? logTicks(...spec.y.domain) : ticks(...spec.y.domain, Math.max(3, inner.height / 32));
+      : { marks: (spec.x.log ? logTicks : ticks)(...spec.x.domain, inner.width / 80), text: figure, label: spec.x.label };
+    const up = (spec.y.log ? logTicks : ticks)(...spec.y.domain, Math.max(3, inner.height / 32));
     const made = [svg("rect", { ...inner, class: "frame" })];
     for (const x of across.marks)
       made.push(svg("path", { class: "grid", d: `M${X(x)} ${inner.y}v${inner.height}` }),
@@ -168,6 +188,8 @@ class Panel {
     const made = [];
     if (one.band)
       made.push(svg("path", { class: `band ${css} ${one.strong ? "strong" : ""}`, d: bandPath(one.x, one.band, X, Y, range) }));
+    if (one.foot !== undefined)
+      made.push(svg("path", { class: `stems ${css}`, d: stemsPath(one.x, one.y, one.foot, X, Y, range) }));
     if (one.kind === "dots")
       made.push(svg("path", { class: `dots ${css}`, d: dotsPath(one.x, one.y, X, Y, range, one.shape || "dot", one.keep) }));
     else if (one.kind === "crosses")

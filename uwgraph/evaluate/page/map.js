@@ -52,12 +52,14 @@ class TrackMap {
     const north = [Y.invert(inner.y + inner.height), Y.invert(inner.y)];
     const step = 90 * this.perPixel;
     const made = [svg("rect", { ...inner, class: "frame" })];
-    for (const e of ticks(...east, (east[1] - east[0]) / step))
+    const [across, up] = [ticks(...east, (east[1] - east[0]) / step), ticks(...north, (north[1] - north[0]) / step)];
+    const [acrossText, upText] = [tickText(across), tickText(up)];
+    for (const e of across)
       made.push(svg("path", { class: "grid", d: `M${X(e)} ${inner.y}v${inner.height}` }),
-        svg("text", { x: X(e), y: inner.y + inner.height + 18, "text-anchor": "middle" }, figure(e)));
-    for (const n of ticks(...north, (north[1] - north[0]) / step))
+        svg("text", { x: X(e), y: inner.y + inner.height + 18, "text-anchor": "middle" }, acrossText(e)));
+    for (const n of up)
       made.push(svg("path", { class: "grid", d: `M${inner.x} ${Y(n)}h${inner.width}` }),
-        svg("text", { x: inner.x - 6, y: Y(n) + 5, "text-anchor": "end" }, figure(n)));
+        svg("text", { x: inner.x - 6, y: Y(n) + 5, "text-anchor": "end" }, upText(n)));
     made.push(svg("text", { x: inner.x, y: inner.y + inner.height + 40 }, "east [m]"),
       svg("text", { x: 14, y: inner.y + inner.height / 2, "text-anchor": "middle",
         transform: `rotate(-90 14 ${inner.y + inner.height / 2})` }, "north [m]"));

@@ -116,7 +116,11 @@ function errorSpec(column, unit, label) {
 function sigmaSpec(column, unit, label) {
   const series = shown().filter((entry) => entry.sigma).map((entry) =>
     ({ ...look(entry), x: entry.t, y: entry.sigma[column], value: (i) => `${figure(entry.sigma[column][i])} ${unit}` }));
-  const { limit, note } = frame(series.map((one) => withLargest(one)));
+  // the first sigma of a filter that does not know where it is does not set the frame
+  const { limit, note } = frame(series.map((one) => {
+    const sigmas = inDomain(one.x, one.y);
+    return [one.name, quantile(sigmas, 0.98), largest(sigmas)];
+  }));
   return { x: timeAxis(label), y: { domain: [0, limit] }, series, note };
 }
 
@@ -174,6 +178,15 @@ function noiseSpec(kind) {
   return { x: timeAxis(), y: { domain: around(series.flatMap((one) => finite(one.y)), 0.8, 1.25), log: true }, series, rules: [{ y: 1 }] };
 }
 
+function fadingSpec() {
+  const faded = shown().filter((entry) => entry.fading);
+  const series = faded.map((entry) => ({ ...look(entry), kind: "dots", shape: "disc", foot: 1,
+    x: entry.fading.t, y: entry.fading.factor, value: (i) => figure(entry.fading.factor[i]) }));
+  const note = faded.map(({ name, colour, dash, fading }) => html("span", { className: "named" }, swatch({ colour, dash }),
+    `${name}: at ${fading.times} of ${fading.measurements} measurements, up to ${figure(largest(fading.factor))}`));
+  return { x: timeAxis(), y: { domain: around(series.flatMap((one) => one.y), 1, 2), log: true }, series, rules: [{ y: 1 }], note };
+}
+
 function innovations(parent) {
   const kinds = [...new Set(data.entries.flatMap((entry) => Object.keys(entry.sensors)))];
   for (const kind of kinds) {
@@ -185,12 +198,7 @@ function innovations(parent) {
   }
   if (!data.entries.some((entry) => entry.fading)) return;
   parent.append(html("h3", { textContent: "Fading factor" }));
-  addPanel(parent, "What the predicted covariance was multiplied by", () => {
-    const series = shown().filter((entry) => entry.fading).map((entry) =>
-      ({ ...look(entry), kind: "dots", keep: (i) => entry.fading.factor[i] > 1,
-        x: entry.fading.t, y: entry.fading.factor, value: (i) => figure(entry.fading.factor[i]) }));
-    return { x: timeAxis(), y: { domain: around(series.flatMap((one) => finite(one.y)), 1, 2), log: true }, series, rules: [{ y: 1 }] };
-  });
+  addPanel(parent, "What the predicted covariance was multiplied by", fadingSpec);
 }
 
 function directions(parent) {
@@ -269,8 +277,16 @@ function sortable(table) {
   });
 }
 
+// Says so where a table is wider than its box, until its end is in sight.
+function tellMore(box) {
+  const more = () => box.classList.toggle("more", box.scrollLeft + box.clientWidth < box.scrollWidth - 2);
+  box.addEventListener("scroll", more);
+  new ResizeObserver(more).observe(box);
+}
+
 const place = (id) => document.getElementById(id);
 if (place("results")) sortable(place("results"));
+for (const box of document.querySelectorAll(".scroll")) tellMore(box);
 if (data.entries.length) {
   controls();
   map = new TrackMap(place("map"), data, state, (t) => moveCursor(t));
