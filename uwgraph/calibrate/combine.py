@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from uwgraph.calibrate.information import Information
 from uwgraph.calibrate.parameters import Parameter
+from uwgraph.chi_square import chi2_quantile
 from uwgraph.dive.rig import Rig
 from uwgraph.types import BoolArray, FloatArray
 
@@ -140,4 +140,4 @@ def _birge(values: FloatArray, sigmas: FloatArray) -> float:
     if dof < 1:
         return 1.0
     square = float(np.sum(((values - np.average(values, weights=sigmas**-2.0)) / sigmas) ** 2))
-    return float(np.sqrt(square / dof)) if square > chi2.ppf(SIGNIFICANCE, dof) else 1.0
+    return float(np.sqrt(square / dof)) if square > chi2_quantile(SIGNIFICANCE, dof) else 1.0

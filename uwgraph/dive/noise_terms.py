@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.stats import chi2
 
+from uwgraph.chi_square import chi2_beyond
 from uwgraph.dive.allan import TERMS, AllanVariance, Fit, allan_variance, fit_terms, model_variance
 from uwgraph.types import FloatArray
 
@@ -86,7 +86,7 @@ class _Model:
     @property
     def chance(self) -> float:
         """Probability of residuals at least as large."""
-        return float(chi2.sf(sum(f.chi2 for f in self.fits), sum(f.dof for f in self.fits)))
+        return float(chi2_beyond(sum(f.chi2 for f in self.fits), sum(f.dof for f in self.fits)))
 
     @property
     def inflation(self) -> float:
@@ -178,7 +178,7 @@ def _powers(measured: Sequence[AllanVariance], model: _Model, term: str) -> tupl
 def _together(power: FloatArray, sigma: FloatArray, seen: bool) -> Term:
     """One term for all axes."""
     scatter = float((((power - power.mean()) / sigma) ** 2).sum())
-    if chi2.sf(scatter, len(power) - 1) > MISFIT:
+    if chi2_beyond(scatter, len(power) - 1) > MISFIT:
         return _term(float(power.mean()), float(np.linalg.norm(sigma)) / len(power), seen, "xyz")
     worst = int(power.argmax())
     return _term(float(power[worst]), float(sigma[worst]), seen, "xyz"[worst])

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.special import gammaincinv
 
+from uwgraph.chi_square import chi2_quantile
 from uwgraph.evaluate.align import Alignment, align
 from uwgraph.evaluate.people import People, people, sigmas
 from uwgraph.evaluate.reference import ReferenceAt, known_rows, reference_at
@@ -180,7 +180,7 @@ def nees_bounds(dof: int, runs: int = 1, confidence: float = 0.95) -> tuple[floa
     """
     n = dof * runs
     tails = np.array([1.0 - confidence, 1.0 + confidence]) / 2.0
-    low, high = 2.0 * gammaincinv(n / 2.0, tails) / n  # chi2.ppf(tails, n) / n, without loading scipy.stats
+    low, high = chi2_quantile(tails, n) / n
     return float(low), float(high)
 
 

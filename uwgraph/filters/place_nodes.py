@@ -14,8 +14,8 @@ from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
-from scipy.stats import chi2
 
+from uwgraph.chi_square import chi2_quantile
 from uwgraph.dive.rig import Positive, Settings
 from uwgraph.errors import DataError
 from uwgraph.filters import part
@@ -247,7 +247,7 @@ def associate(
 @cache
 def _limit(share: float, m: int) -> float:
     """Quantile of chi-square with m degrees of freedom."""
-    return float(chi2.ppf(share, m))
+    return float(chi2_quantile(share, m))
 
 
 def _mahalanobis2(places: Places, sighting: Sighting, k: int, R: FloatArray, spread: Spread) -> float:

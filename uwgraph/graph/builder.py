@@ -9,9 +9,9 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, V, X
 from scipy.special import erf
-from scipy.stats import chi2
 
 import factors
+from uwgraph.chi_square import chi2_quantile
 from uwgraph.errors import ConfigError
 from uwgraph.graph import moving
 from uwgraph.graph.initial import Initial
@@ -130,7 +130,7 @@ class Losses:
     def __call__(self, m: int) -> gtsam.noiseModel.mEstimator.Huber | gtsam.noiseModel.mEstimator.Cauchy | None:
         if self.kind == "none":
             return None
-        width = float(np.sqrt(chi2.ppf(self.quantile, m)))
+        width = float(np.sqrt(chi2_quantile(self.quantile, m)))
         estimator = gtsam.noiseModel.mEstimator
         return estimator.Huber.Create(width) if self.kind == "huber" else estimator.Cauchy.Create(width)
 

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
+from uwgraph.chi_square import chi2_quantile
 from uwgraph.graph.prepare import UNMEASURED
 from uwgraph.graph.se3 import Poses, moved
 from uwgraph.types import BoolArray, FloatArray
@@ -90,7 +90,7 @@ def _within(e: FloatArray, S: FloatArray, quantile: float) -> Gated:
     known = variance < UNMEASURED
     white = (np.swapaxes(Q, 1, 2) @ e[:, :, None])[..., 0]
     d2 = np.sum(np.where(known, white**2 / variance, 0.0), axis=1)
-    return Gated(d2, chi2.ppf(quantile, np.maximum(known.sum(axis=1), 1)))
+    return Gated(d2, chi2_quantile(quantile, np.maximum(known.sum(axis=1), 1)))
 
 
 def against_odometry(odometry: Odometry, loops: Loops, quantile: float) -> Gated:

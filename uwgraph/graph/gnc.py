@@ -17,8 +17,8 @@ from gtsam.symbol_shorthand import X
 from numpy.typing import NDArray
 from scipy.linalg import solve as solve_dense
 from scipy.sparse import bsr_array
-from scipy.stats import chi2
 
+from uwgraph.chi_square import chi2_quantile
 from uwgraph.graph.builder import Problem
 from uwgraph.graph.joint import joint_poses
 from uwgraph.graph.relative import BetweenKeyframes, sqrt_information
@@ -55,7 +55,7 @@ def graduate(
 
     ``solve`` solves a problem from its own first guess.
     """
-    limit = chi2.ppf(inliers, np.maximum(np.any(sqrt_information(closures.cov) != 0.0, axis=2).sum(axis=1), 1))
+    limit = chi2_quantile(inliers, np.maximum(np.any(sqrt_information(closures.cov) != 0.0, axis=2).sum(axis=1), 1))
 
     def fit(believed: BoolArray) -> tuple[Problem, Solved]:
         weighted = problem.plus("closures", closures.select(believed).factors(), values)

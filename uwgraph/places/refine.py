@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
+from uwgraph.chi_square import chi2_quantile
 from uwgraph.places.plane import Geometry
 from uwgraph.types import FloatArray
 
@@ -82,7 +82,7 @@ def refine(
 
 def robust_sigma(r: FloatArray, dims: NDArray[np.intp]) -> float:
     """1-sigma per dimension of residuals (N, D), from the median of their squares."""
-    squares = (r * r).sum(axis=1) / chi2.ppf(0.5, dims)
+    squares = (r * r).sum(axis=1) / chi2_quantile(0.5, dims)
     return max(float(np.sqrt(np.median(squares))), MIN_SIGMA)
 
 

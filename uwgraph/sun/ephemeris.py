@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pvlib import spa
 
 from uwgraph.frames import R_n_local
 from uwgraph.types import FloatArray, Origin
@@ -34,6 +33,8 @@ def sun_azimuth_elevation(
     refraction : bool
         Whether the air lifts the sun (apparent place); without it the place is the geometric one, parallax included.
     """
+    from pvlib import spa  # it loads pandas, which takes longer than many a command
+
     t, lat, lon = np.broadcast_arrays(np.atleast_1d(np.asarray(t_ns, dtype=np.int64)), lat, lon)
     _, _, apparent, geometric, azimuth, _ = spa.solar_position_numpy(
         t.astype(np.float64) * 1e-9,

@@ -13,8 +13,8 @@ from typing import Final, Generic, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
+from uwgraph.chi_square import chi2_quantile
 from uwgraph.sun.information import block_sandwich
 from uwgraph.types import FloatArray
 
@@ -155,7 +155,7 @@ def _mean_weight(loss: Loss, k: int) -> float:
 @lru_cache
 def _chi_square(k: int) -> FloatArray:
     """Evenly spaced quantiles of chi-square with k degrees."""
-    return np.asarray(chi2.ppf((np.arange(4000) + 0.5) / 4000, k))
+    return chi2_quantile((np.arange(4000) + 0.5) / 4000, k)
 
 
 def _weight(z2: FloatArray, loss: Loss) -> FloatArray:
